@@ -1,0 +1,14 @@
+//! The camera: interior orientation, lens distortion and projection with Jacobians.
+//!
+//! The lens is the ten-parameter set of close-range photogrammetry (Brown, 1971; Fraser, 1997) in the *correcting*
+//! direction: the corrections are functions of the measured image point and are added to it. A measured point becomes
+//! a ray without iteration; projection inverts the correction by Newton's method.
+//!
+//! Image coordinates: millimetres, x right, y up, origin at the image centre. Pixel coordinates: x right, y down,
+//! origin at the top-left corner of the image, the first pixel's centre at (0.5, 0.5).
+
+mod interior;
+mod projection;
+
+pub use interior::{Correction, INTERIOR_NAMES, InteriorOrientation};
+pub use projection::{Camera, Projection};

@@ -1,0 +1,177 @@
+//! Projection of points into pixels and rays of pixels.
+
+use nalgebra::{Matrix2, Matrix2x3, SMatrix, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::InteriorOrientation;
+
+/// A sensor with its lens.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Camera {
+    /// Columns of the image.
+    pub width_px: u32,
+    /// Rows of the image.
+    pub height_px: u32,
+    /// Side of a pixel, mm.
+    pub pixel_pitch_mm: f64,
+    /// Principal distance, principal point, distortion.
+    pub interior: InteriorOrientation,
+}
+
+/// A projected point with its derivatives, in pixels.
+#[derive(Clone, Copy, Debug)]
+pub struct Projection {
+    /// Pixel coordinates, y down.
+    pub pixel: Vector2<f64>,
+    /// Derivative by the point in the camera frame, px/mm.
+    pub by_point: Matrix2x3<f64>,
+    /// Derivative by the ten interior parameters, px per unit of each.
+    pub by_interior: SMatrix<f64, 2, 10>,
+}
+
+impl Camera {
+    /// Image coordinates (mm, y up, origin at the image centre) of a pixel.
+    #[must_use]
+    pub fn image_from_pixel(&self, pixel: &Vector2<f64>) -> Vector2<f64> {
+        Vector2::new(
+            pixel.x - f64::from(self.width_px) / 2.0,
+            f64::from(self.height_px) / 2.0 - pixel.y,
+        ) * self.pixel_pitch_mm
+    }
+
+    /// The pixel of image coordinates (mm).
+    #[must_use]
+    pub fn pixel_from_image(&self, image: &Vector2<f64>) -> Vector2<f64> {
+        Vector2::new(
+            image.x / self.pixel_pitch_mm + f64::from(self.width_px) / 2.0,
+            f64::from(self.height_px) / 2.0 - image.y / self.pixel_pitch_mm,
+        )
+    }
+
+    /// The ideal image point (mm from the principal point, distortion removed) of a pixel.
+    #[must_use]
+    pub fn ideal_from_pixel(&self, pixel: &Vector2<f64>) -> Vector2<f64> {
+        self.interior
+            .ideal_from_measured(&self.image_from_pixel(pixel))
+    }
+
+    /// The pixel of an ideal image point; `None` where the lens does not image it.
+    #[must_use]
+    pub fn pixel_from_ideal(&self, ideal: &Vector2<f64>) -> Option<Vector2<f64>> {
+        Some(self.pixel_from_image(&self.interior.measured_from_ideal(ideal)?))
+    }
+
+    /// The ray `[x', y', -c]` of a pixel in the camera frame, mm; it points away from the camera.
+    #[must_use]
+    pub fn ray(&self, pixel: &Vector2<f64>) -> Vector3<f64> {
+        let ideal = self.ideal_from_pixel(pixel);
+        Vector3::new(ideal.x, ideal.y, -self.interior.principal_distance)
+    }
+
+    /// The pixel of a point in the camera frame; `None` behind the camera or where the lens does not image it.
+    #[must_use]
+    pub fn project(&self, point_in_camera: &Vector3<f64>) -> Option<Vector2<f64>> {
+        self.pixel_from_ideal(&self.ideal_from_point(point_in_camera)?)
+    }
+
+    /// [`Self::project`] with derivatives by the point and by the ten parameters.
+    ///
+    /// The measured point solves `correct(measured; interior) = ideal(point; c)`, so its derivatives follow from the
+    /// correction's by the implicit function theorem.
+    #[must_use]
+    pub fn project_with_jacobians(&self, point_in_camera: &Vector3<f64>) -> Option<Projection> {
+        let ideal = self.ideal_from_point(point_in_camera)?;
+        let measured = self.interior.measured_from_ideal(&ideal)?;
+        let correction = self.interior.correction(&measured);
+        let measured_by_ideal = correction.by_measured.try_inverse()?;
+        let pixel_by_measured = Matrix2::new(1.0, 0.0, 0.0, -1.0) / self.pixel_pitch_mm;
+        let c = self.interior.principal_distance;
+        let k = point_in_camera;
+        let ideal_by_point = Matrix2x3::new(
+            -c / k.z,
+            0.0,
+            c * k.x / (k.z * k.z),
+            0.0,
+            -c / k.z,
+            c * k.y / (k.z * k.z),
+        );
+        let mut ideal_by_interior = -correction.by_interior;
+        ideal_by_interior.set_column(0, &(ideal / c));
+        let pixel_by_ideal = pixel_by_measured * measured_by_ideal;
+        Some(Projection {
+            pixel: self.pixel_from_image(&measured),
+            by_point: pixel_by_ideal * ideal_by_point,
+            by_interior: pixel_by_ideal * ideal_by_interior,
+        })
+    }
+
+    /// Whether a pixel lies inside the image.
+    #[must_use]
+    pub fn contains(&self, pixel: &Vector2<f64>) -> bool {
+        pixel.x >= 0.0
+            && pixel.y >= 0.0
+            && pixel.x <= f64::from(self.width_px)
+            && pixel.y <= f64::from(self.height_px)
+    }
+
+    fn ideal_from_point(&self, k: &Vector3<f64>) -> Option<Vector2<f64>> {
+        (k.z < 0.0).then(|| Vector2::new(k.x, k.y) * (-self.interior.principal_distance / k.z))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::SVector;
+    use proptest::prelude::*;
+
+    fn camera() -> Camera {
+        Camera {
+            width_px: 3072,
+            height_px: 2048,
+            pixel_pitch_mm: 0.009,
+            interior: InteriorOrientation {
+                principal_distance: 20.0,
+                principal_point: [0.1, -0.05],
+                radial: [1.5e-4, -4e-7, 2e-10],
+                tangential: [1e-5, -2e-5],
+                affinity: [1e-4, -5e-5],
+            },
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_ray_goes_through_the_point_that_is_imaged_there(x in -600.0..600.0, y in -400.0..400.0, z in -1500.0..-800.0) {
+            let point = Vector3::new(x, y, z);
+            let ray = camera().ray(&camera().project(&point).unwrap());
+            prop_assert!((ray.normalize() - point.normalize()).norm() < 1e-12);
+        }
+
+        #[test]
+        fn jacobians_agree_with_differences(x in -600.0..600.0, y in -400.0..400.0, z in -1500.0..-800.0) {
+            let point = Vector3::new(x, y, z);
+            let projection = camera().project_with_jacobians(&point).unwrap();
+            let h = 1e-3;
+            for axis in 0..3 {
+                let mut step = Vector3::zeros();
+                step[axis] = h;
+                let difference = (camera().project(&(point + step)).unwrap() - camera().project(&(point - step)).unwrap()) / (2.0 * h);
+                prop_assert!((difference - projection.by_point.column(axis)).norm() < 1e-6);
+            }
+            for parameter in 0..10 {
+                let h = [1e-4, 1e-4, 1e-4, 1e-7, 1e-9, 1e-11, 1e-6, 1e-6, 1e-5, 1e-5][parameter];
+                let moved = |sign: f64| {
+                    let mut step = SVector::<f64, 10>::zeros();
+                    step[parameter] = sign * h;
+                    let interior = InteriorOrientation::from_vector(&(camera().interior.to_vector() + step));
+                    Camera { interior, ..camera() }.project(&point).unwrap()
+                };
+                let difference = (moved(1.0) - moved(-1.0)) / (2.0 * h);
+                let derivative = projection.by_interior.column(parameter);
+                // Rounding: pixel coordinates of some 1000 px carry 1e-12 px.
+                prop_assert!((difference - derivative).norm() < 1e-5 * (1.0 + derivative.norm()) + 2e-12 / h, "{parameter}");
+            }
+        }
+    }
+}

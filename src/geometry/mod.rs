@@ -1,0 +1,13 @@
+//! Rotation, pose, similarity: the plain mathematics of directions and places, in `f64`, without names or files.
+//!
+//! Frames follow Kraus (2007): the world is right-handed; the camera frame has x right, y up, z backwards, so that the
+//! camera looks along -z. A rotation matrix `M` takes world directions to the camera frame, `X0` is the projection
+//! centre, and `[x', y', -c] ~ M (X - X0)`.
+
+mod pose;
+mod rotation;
+mod similarity;
+
+pub use pose::Pose;
+pub use rotation::{OmegaPhiKappa, rotation_from_vector, skew};
+pub use similarity::{FitError, Scale, Similarity, fit_similarity};

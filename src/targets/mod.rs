@@ -1,0 +1,8 @@
+//! Targets in one picture: dots, coded targets, the reference cross.
+
+mod family;
+
+pub use family::{
+    DOT420_AXES, Family, UnknownFamily, dot420_number, dot420_positions, dot420_table,
+    least_rotation, ring_number, ring_table,
+};
