@@ -1,7 +1,9 @@
 //! Targets in one picture: dots, coded targets, the reference cross.
 
+mod detections;
 mod family;
 
+pub use detections::{CodeReading, Detections, Dot, DotIndex, Rejected};
 pub use family::{
     DOT420_AXES, Family, UnknownFamily, dot420_number, dot420_positions, dot420_table,
     least_rotation, ring_number, ring_table,
