@@ -1,0 +1,50 @@
+//! A camera of the measurement.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use crate::camera::Camera;
+
+/// A camera of the measurement.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct CameraId(pub u32);
+
+/// Where the principal distance that the work starts from was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum InteriorSource {
+    /// In the camera file.
+    CameraFile,
+    /// In the EXIF data of the images.
+    Exif,
+    /// Nowhere: it has to be searched.
+    Unknown,
+}
+
+impl fmt::Display for InteriorSource {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            InteriorSource::CameraFile => "camera file",
+            InteriorSource::Exif => "EXIF",
+            InteriorSource::Unknown => "search",
+        })
+    }
+}
+
+/// A camera with its start and its present values.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CameraEntry {
+    /// Name, as given or from EXIF.
+    pub name: String,
+    /// As given by the operator or EXIF: the start of all estimates.
+    pub nominal: Camera,
+    /// Present estimate.
+    pub camera: Camera,
+    /// Standard deviations of known parameters in the order of `INTERIOR_NAMES`; `None`: no such knowledge.
+    pub known_sigmas: [Option<f64>; 10],
+    /// Where the principal distance comes from.
+    pub source: InteriorSource,
+    /// Camera model in the EXIF data of its images.
+    pub exif_model: Option<String>,
+}

@@ -1,0 +1,133 @@
+//! An image of the measurement.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use nalgebra::Matrix6;
+use serde::{Deserialize, Serialize};
+
+use super::{CameraId, PointId};
+use crate::geometry::Pose;
+use crate::targets::{Detections, DotIndex};
+
+/// An image of the measurement.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct ImageId(pub u32);
+
+/// The picture file; the picture itself stays where it is.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ImageFile {
+    /// Path relative to the project file's folder where it can be, with forward slashes.
+    pub path: String,
+    /// Size of the file, bytes.
+    pub size_bytes: u64,
+    /// SHA-256 of the file, hexadecimal.
+    pub sha256: String,
+    /// Columns.
+    pub width_px: u32,
+    /// Rows.
+    pub height_px: u32,
+}
+
+/// Whether an image takes part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ImageUse {
+    /// It takes part.
+    Used,
+    /// The operator excluded it.
+    Excluded,
+}
+
+/// Who decided.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Source {
+    /// A stage.
+    Automatic,
+    /// The operator; no stage overrides it.
+    Operator,
+}
+
+/// The name of a dot.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Label {
+    /// The point that the dot is an image of.
+    pub point: PointId,
+    /// Who named it.
+    pub source: Source,
+    /// Why the adjustment does not use it; `None` where it is used.
+    pub rejected: Option<String>,
+}
+
+/// An exterior orientation with its precision.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Station {
+    /// The orientation.
+    pub pose: Pose,
+    /// A-posteriori covariance of (turn in the camera frame, rad; centre, mm); `None` before an adjustment.
+    pub covariance: Option<Matrix6<f64>>,
+}
+
+/// An orientation that was tried and failed; it stands until more is known.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Attempt {
+    /// [`super::Network::inputs`] at that time.
+    pub basis: u64,
+    /// Known points that the image showed at that time.
+    pub known_points: usize,
+    /// Why it failed, in the operator's words.
+    pub reason: String,
+}
+
+/// An image with what is known of it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ImageEntry {
+    /// The file.
+    pub file: ImageFile,
+    /// Its camera.
+    pub camera: CameraId,
+    /// Whether it takes part.
+    pub usage: ImageUse,
+    /// What detection found; `None` before.
+    pub detections: Option<Arc<Detections>>,
+    /// Why detection failed (file missing, unreadable); `None` where it did not.
+    pub unreadable: Option<String>,
+    /// Names of dots.
+    pub labels: Arc<BTreeMap<DotIndex, Label>>,
+    /// Code readings (by their place in the detections) that do not fit the network, with the reason.
+    pub set_aside: Arc<BTreeMap<usize, String>>,
+    /// Why dots stay without a name, where identification can say it.
+    pub unlabelled: Arc<BTreeMap<DotIndex, String>>,
+    /// The orientation; `None` while not connected.
+    pub station: Option<Station>,
+    /// The last orientation that failed.
+    pub attempt: Option<Attempt>,
+}
+
+impl ImageEntry {
+    /// An image of which nothing is known but its file.
+    #[must_use]
+    pub fn new(file: ImageFile, camera: CameraId) -> Self {
+        Self {
+            file,
+            camera,
+            usage: ImageUse::Used,
+            detections: None,
+            unreadable: None,
+            labels: Arc::default(),
+            set_aside: Arc::default(),
+            unlabelled: Arc::default(),
+            station: None,
+            attempt: None,
+        }
+    }
+
+    /// Labelled dots that are used, with the dot's place in the detections.
+    pub fn used_labels(&self) -> impl Iterator<Item = (DotIndex, &Label)> {
+        self.labels
+            .iter()
+            .filter(|(_, l)| l.rejected.is_none())
+            .map(|(d, l)| (*d, l))
+    }
+}

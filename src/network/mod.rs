@@ -1,0 +1,219 @@
+//! The measurement: names for the numbers.
+//!
+//! A [`Network`] is a value: everything the operator gave (images, cameras, bars, settings, decisions) and everything
+//! the stages found (detections, labels, orientations, points, the adjustment). Its tables are `Arc<BTreeMap<..>>`, so a
+//! copy costs a few pointers and a change copies only what it touches: whoever holds a network never sees it
+//! half-changed. What a step changes never shares an `Arc` with what it does not: an image's detections stay where they
+//! are when all stations move.
+//!
+//! Deliberately absent: files, threads, algorithms.
+
+mod camera;
+mod connectivity;
+mod image;
+mod label;
+mod result;
+mod settings;
+mod stage;
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+pub use camera::{CameraEntry, CameraId, InteriorSource};
+pub use connectivity::{CODES_TO_CONNECT, Code, Connectivity, ImageConnectivity};
+pub use image::{Attempt, ImageEntry, ImageFile, ImageId, ImageUse, Label, Source, Station};
+pub use label::{CodeDot, PointId, PointKind, UnknownLabel};
+pub use result::{
+    AdjustedObservation, AdjustmentResult, BarResult, CameraResult, IdentificationPass, Point,
+    ScaleSource, Standing,
+};
+pub use settings::{DotFamily, MeasurementSettings, TargetSizes};
+pub use stage::{About, Conclusion, Finding, FindingKind, Outcome, Stage};
+
+/// One scale bar: a known distance between two points.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ScaleBar {
+    /// Name of the bar.
+    pub name: String,
+    /// Label of one end.
+    pub from: String,
+    /// Label of the other end.
+    pub to: String,
+    /// Known length, mm.
+    pub length_mm: f64,
+    /// Its standard deviation, mm.
+    pub sigma_mm: f64,
+    /// Whether it gives scale or only checks it.
+    pub role: BarRole,
+}
+
+/// What a scale bar is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum BarRole {
+    /// Enters the adjustment with its weight.
+    Control,
+    /// Is only compared with the result.
+    Check,
+}
+
+/// What a point with known coordinates is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ControlRole {
+    /// The free network is moved onto it by a best fit; nothing is bent.
+    Align,
+    /// Its coordinates enter the adjustment with their weights.
+    Weighted,
+    /// Its coordinates are not changed.
+    Fixed,
+    /// It is only compared with the result.
+    Check,
+}
+
+/// A point with known coordinates.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ControlPoint {
+    /// Label of the point.
+    pub label: String,
+    /// Known coordinates, mm; `None` where one is unknown.
+    pub coordinates_mm: [Option<f64>; 3],
+    /// Their standard deviations, mm.
+    pub sigmas_mm: [Option<f64>; 3],
+    /// What it is for.
+    pub role: ControlRole,
+}
+
+/// One dot of the exterior orientation device (reference cross) in the device's own frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DevicePoint {
+    /// Label of the dot.
+    pub label: String,
+    /// Coordinates, mm.
+    pub position_mm: [f64; 3],
+}
+
+/// The whole measurement as a value.
+#[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
+pub struct Network {
+    /// What was asked for.
+    pub settings: Arc<MeasurementSettings>,
+    /// Cameras.
+    pub cameras: Arc<BTreeMap<CameraId, Arc<CameraEntry>>>,
+    /// Images.
+    pub images: Arc<BTreeMap<ImageId, Arc<ImageEntry>>>,
+    /// Points whose coordinates are known at least approximately.
+    pub points: Arc<BTreeMap<PointId, Arc<Point>>>,
+    /// The exterior orientation device; empty where none is used.
+    pub device: Arc<Vec<DevicePoint>>,
+    /// Scale bars.
+    pub scale_bars: Arc<Vec<ScaleBar>>,
+    /// Points with known coordinates.
+    pub control: Arc<Vec<ControlPoint>>,
+    /// Oriented images in the order in which they were connected.
+    pub connection_order: Arc<Vec<ImageId>>,
+    /// The passes of identification since the last change of inputs.
+    pub passes: Arc<Vec<IdentificationPass>>,
+    /// Which stages are done, and on what basis.
+    pub conclusions: BTreeMap<Stage, Conclusion>,
+    /// What the stages noticed.
+    pub findings: Arc<Vec<Finding>>,
+    /// The newest adjustment.
+    pub adjustment: Option<Arc<AdjustmentResult>>,
+    /// Counts changes of inputs (images, detections, the operator's decisions, settings), never of estimates.
+    pub inputs: u64,
+    /// The number the next plain target gets.
+    pub next_target: u32,
+}
+
+impl Network {
+    /// The images in use, by id.
+    pub fn used_images(&self) -> impl Iterator<Item = (ImageId, &ImageEntry)> {
+        self.images
+            .iter()
+            .filter(|(_, i)| i.usage == ImageUse::Used)
+            .map(|(id, i)| (*id, i.as_ref()))
+    }
+
+    /// The images in use that have an orientation, by id.
+    pub fn oriented_images(&self) -> impl Iterator<Item = (ImageId, &ImageEntry, &Station)> {
+        self.used_images()
+            .filter_map(|(id, i)| i.station.as_ref().map(|s| (id, i, s)))
+    }
+
+    /// The camera of an image.
+    ///
+    /// # Panics
+    /// Where the image names a camera that is not there, which would be our fault.
+    #[must_use]
+    pub fn camera_of(&self, image: &ImageEntry) -> &CameraEntry {
+        &self.cameras[&image.camera]
+    }
+
+    /// An image to change.
+    ///
+    /// # Panics
+    /// Where there is no such image, which would be our fault.
+    pub fn image_mut(&mut self, id: ImageId) -> &mut ImageEntry {
+        let images = Arc::make_mut(&mut self.images);
+        Arc::make_mut(images.get_mut(&id).expect("an image of this network"))
+    }
+
+    /// A camera to change.
+    ///
+    /// # Panics
+    /// Where there is no such camera, which would be our fault.
+    pub fn camera_mut(&mut self, id: CameraId) -> &mut CameraEntry {
+        let cameras = Arc::make_mut(&mut self.cameras);
+        Arc::make_mut(cameras.get_mut(&id).expect("a camera of this network"))
+    }
+
+    /// The label of a point as the operator reads it: `C17.O`, `R14-57`, `X1`, `M5`.
+    #[must_use]
+    pub fn label(&self, id: PointId) -> String {
+        match id {
+            PointId::Device(index) => self
+                .device
+                .get(usize::from(index))
+                .map_or_else(|| id.to_string(), |point| point.label.clone()),
+            _ => id.to_string(),
+        }
+    }
+
+    /// The point of a label; `C17` means `C17.O`.
+    ///
+    /// # Errors
+    /// [`UnknownLabel`] where the text is the label of no point of this project's kinds.
+    pub fn point_of_label(&self, label: &str) -> Result<PointId, UnknownLabel> {
+        let label = label.trim();
+        if let Some(index) = self.device.iter().position(|point| point.label == label) {
+            return Ok(PointId::Device(index as u16));
+        }
+        label.parse()
+    }
+
+    /// Whether a stage has done its work on the present inputs.
+    #[must_use]
+    pub fn is_concluded(&self, stage: Stage) -> bool {
+        self.conclusions
+            .get(&stage)
+            .is_some_and(|c| c.basis == self.inputs)
+    }
+
+    /// Adds a finding unless the same one is there already.
+    pub fn note(&mut self, finding: Finding) {
+        if !self.findings.contains(&finding) {
+            Arc::make_mut(&mut self.findings).push(finding);
+        }
+    }
+
+    /// Whether the newest adjustment belongs to the present inputs.
+    #[must_use]
+    pub fn adjustment_is_fresh(&self) -> bool {
+        self.adjustment
+            .as_ref()
+            .is_some_and(|a| a.basis == self.inputs)
+    }
+}

@@ -1,0 +1,83 @@
+//! What the operator asks for.
+
+use serde::{Deserialize, Serialize};
+
+use crate::targets::Family;
+
+/// Sizes of the dots of one code family.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DotFamily {
+    /// The family.
+    pub family: Family,
+    /// Pitch of the `dot420` grid, mm.
+    pub pitch_mm: f64,
+    /// Diameter of its dots, mm.
+    pub dot_mm: f64,
+}
+
+/// Sizes of the targets in use (`targets.toml`).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TargetSizes {
+    /// Families with sizes of their own; the others have 5 mm.
+    pub families: Vec<DotFamily>,
+    /// Diameter of plain targets, mm.
+    pub plain_dot_mm: f64,
+}
+
+/// Default pitch and diameter of dots, mm (Hattori et al., 2002, figure 2a and 3).
+const DEFAULT_DOT_MM: f64 = 5.0;
+
+impl Default for TargetSizes {
+    fn default() -> Self {
+        Self {
+            families: Vec::new(),
+            plain_dot_mm: DEFAULT_DOT_MM,
+        }
+    }
+}
+
+impl TargetSizes {
+    /// The sizes of a family.
+    #[must_use]
+    pub fn of(&self, family: Family) -> DotFamily {
+        self.families
+            .iter()
+            .find(|f| f.family == family)
+            .cloned()
+            .unwrap_or(DotFamily {
+                family,
+                pitch_mm: DEFAULT_DOT_MM,
+                dot_mm: DEFAULT_DOT_MM,
+            })
+    }
+}
+
+/// What the operator asks for; changing any of it is an edit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MeasurementSettings {
+    /// Code families to look for.
+    pub families: Vec<Family>,
+    /// Sizes of the targets.
+    pub targets: TargetSizes,
+    /// Seed of every search by random samples.
+    pub seed: u64,
+    /// Images detected in one step; the same whatever the cores, so that steps are the same everywhere.
+    pub detection_batch: usize,
+    /// Critical value of |w| above which the adjustment rejects an observation; 4.0 rejects one good observation in 16,000.
+    pub critical_w: f64,
+    /// Fewest rays of a plain target.
+    pub min_rays: u32,
+}
+
+impl Default for MeasurementSettings {
+    fn default() -> Self {
+        Self {
+            families: vec![Family::Dot420],
+            targets: TargetSizes::default(),
+            seed: 1,
+            detection_batch: 16,
+            critical_w: 4.0,
+            min_rays: 3,
+        }
+    }
+}
