@@ -1,1 +1,224 @@
-fn main() {}
+//! The command line: arguments in, exit status out.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+
+use clap::{Args, Parser, Subcommand};
+use tiepoint::commands::{self, CommandError, Failure};
+use tiepoint::monitor::Monitor;
+use tiepoint::network::Stage;
+use tiepoint::targets::Family;
+
+/// Industrial vision metrology: from photographs of coded and plain targets to coordinates with true sigmas.
+#[derive(Parser)]
+#[command(version, about, max_term_width = 100)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Render the box experiment of Hattori et al. (2002) and measure it.
+    Demo(Demo),
+    /// Make a project from images.
+    New(New),
+    /// Add images to a project; the rest stays measured.
+    Add(Images),
+    /// Exclude images of a project; the rest stays measured.
+    Exclude(Images),
+    /// Run the stages of a project: all, or up to and including one.
+    Run(RunArguments),
+    /// Find targets and read codes in single images.
+    Detect(DetectArguments),
+    /// Write coordinates, observations, stations and cameras of a project.
+    Export(Export),
+    /// Compare a project's coordinates with known ones by a best fit.
+    Compare(Compare),
+    /// Write the table of a code family.
+    Codes(Codes),
+}
+
+#[derive(Args)]
+struct Demo {
+    /// Folder of the demo's pictures, project and tables.
+    #[arg(default_value = "tiepoint-demo")]
+    folder: PathBuf,
+    /// Seed of the scene: places of targets, stations, noise.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Render the scene without the reference cross.
+    #[arg(long)]
+    no_cross: bool,
+}
+
+#[derive(Args)]
+struct New {
+    /// Project file to make.
+    project: PathBuf,
+    /// Image files, or folders of images.
+    #[arg(long, required = true, num_args = 1..)]
+    images: Vec<PathBuf>,
+    /// Camera file; several are matched by image size and EXIF model.
+    #[arg(long)]
+    camera: Vec<PathBuf>,
+    /// Sizes of the targets.
+    #[arg(long)]
+    targets: Option<PathBuf>,
+    /// Points of the reference cross.
+    #[arg(long)]
+    cross: Option<PathBuf>,
+    /// Scale bars.
+    #[arg(long)]
+    bars: Option<PathBuf>,
+    /// Points with known coordinates.
+    #[arg(long)]
+    control: Option<PathBuf>,
+    /// Code families: dot420, ring12, ring14, ring20.
+    #[arg(long, value_delimiter = ',', default_value = "dot420")]
+    codes: Vec<Family>,
+}
+
+#[derive(Args)]
+struct Images {
+    /// Project file.
+    project: PathBuf,
+    /// Image files, or folders of images.
+    #[arg(long, required = true, num_args = 1..)]
+    images: Vec<PathBuf>,
+}
+
+#[derive(Args)]
+struct RunArguments {
+    /// Project file.
+    project: PathBuf,
+    /// Last stage to run: detect, first-pair, connect, adjust-codes, identify or adjust.
+    #[arg(long)]
+    until: Option<Stage>,
+    /// Print the result as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Args)]
+struct DetectArguments {
+    /// Image files.
+    #[arg(required = true)]
+    images: Vec<PathBuf>,
+    /// Camera file; only the image size is compared.
+    #[arg(long)]
+    camera: Option<PathBuf>,
+    /// Code families: dot420, ring12, ring14, ring20.
+    #[arg(long, value_delimiter = ',', default_value = "dot420")]
+    codes: Vec<Family>,
+    /// Print all targets as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Args)]
+struct Export {
+    /// Project file.
+    project: PathBuf,
+    /// Adjusted points (CSV).
+    #[arg(long)]
+    points: Option<PathBuf>,
+    /// Every detected target (CSV).
+    #[arg(long)]
+    observations: Option<PathBuf>,
+    /// Oriented images (CSV).
+    #[arg(long)]
+    stations: Option<PathBuf>,
+    /// Cameras (TOML).
+    #[arg(long)]
+    cameras: Option<PathBuf>,
+}
+
+#[derive(Args)]
+struct Compare {
+    /// Project file.
+    project: PathBuf,
+    /// Known coordinates (CSV).
+    #[arg(long)]
+    reference: PathBuf,
+    /// Estimate a scale too.
+    #[arg(long)]
+    with_scale: bool,
+    /// Print the result as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Args)]
+struct Codes {
+    /// Table file (CSV).
+    #[arg(long)]
+    table: PathBuf,
+    /// Code family.
+    #[arg(long, default_value = "dot420")]
+    family: Family,
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let monitor = Arc::new(commands::monitor_on_terminal());
+    let interrupted = Arc::clone(&monitor);
+    // Without a handler Ctrl-C would end the program between two steps' saves: nothing is lost, only less is said.
+    let _ = ctrlc::set_handler(move || interrupted.interrupt());
+    match run(arguments.command, &monitor) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            commands::report_failure(&error);
+            match error.failure {
+                Failure::Work => ExitCode::from(1),
+                Failure::Input => ExitCode::from(2),
+                Failure::Interrupted => ExitCode::from(130),
+            }
+        }
+    }
+}
+
+fn run(command: Command, monitor: &Monitor) -> Result<(), CommandError> {
+    match command {
+        Command::Demo(demo) => {
+            let cross = if demo.no_cross { commands::DemoCross::Absent } else { commands::DemoCross::Present };
+            commands::demo(&commands::DemoRequest { folder: demo.folder, seed: demo.seed, cross }, monitor)
+        }
+        Command::New(new) => commands::new(&commands::NewRequest {
+            project: new.project,
+            images: new.images,
+            cameras: new.camera,
+            targets: new.targets,
+            cross: new.cross,
+            bars: new.bars,
+            control: new.control,
+            families: new.codes,
+        }),
+        Command::Add(images) => commands::add(&images.project, &images.images),
+        Command::Exclude(images) => commands::exclude(&images.project, &images.images),
+        Command::Run(run) => {
+            let until = run.until.unwrap_or(Stage::Adjust);
+            commands::run(&run.project, until, commands::Form::of_json(run.json), monitor)
+        }
+        Command::Detect(detect) => commands::detect(
+            &commands::DetectRequest { images: detect.images, camera: detect.camera, families: detect.codes },
+            commands::Form::of_json(detect.json),
+            monitor,
+        ),
+        Command::Export(export) => commands::export(&commands::ExportRequest {
+            project: export.project,
+            points: export.points,
+            observations: export.observations,
+            stations: export.stations,
+            cameras: export.cameras,
+        }),
+        Command::Compare(compare) => commands::compare(
+            &compare.project,
+            &compare.reference,
+            if compare.with_scale { tiepoint::geometry::Scale::Free } else { tiepoint::geometry::Scale::One },
+            commands::Form::of_json(compare.json),
+        ),
+        Command::Codes(codes) => commands::codes(&codes.table, codes.family),
+    }
+}

@@ -1,0 +1,82 @@
+//! `export` and `compare`: what a project gives to others.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::terminal::show;
+use super::{CommandError, Form};
+use crate::geometry::Scale;
+use crate::network::Network;
+use crate::project::files::read_reference;
+use crate::project::storage::Store;
+use crate::report::{
+    CompareSettings, compare as compare_points, export_cameras, export_observations, export_points,
+    export_stations, write_file,
+};
+
+/// Which tables to write where.
+#[derive(Clone, Debug)]
+pub struct ExportRequest {
+    /// Project file.
+    pub project: PathBuf,
+    /// Adjusted points.
+    pub points: Option<PathBuf>,
+    /// Every detected target.
+    pub observations: Option<PathBuf>,
+    /// Oriented images.
+    pub stations: Option<PathBuf>,
+    /// Cameras.
+    pub cameras: Option<PathBuf>,
+}
+
+fn read_project(project: &Path) -> Result<Arc<Network>, CommandError> {
+    Ok(Store::open_read_only(project)?.network)
+}
+
+/// Writes tables of a project.
+///
+/// # Errors
+/// [`CommandError`] where the project cannot be read, its adjustment is older than its inputs, or a file cannot be written.
+pub fn export(request: &ExportRequest) -> Result<(), CommandError> {
+    let network = read_project(&request.project)?;
+    let work = |e: crate::report::NoFigures| CommandError::work(format!("{}: {e}", request.project.display()));
+    if let Some(path) = &request.points {
+        write_file(path, export_points(&network).map_err(work)?.as_bytes())?;
+    }
+    if let Some(path) = &request.observations {
+        write_file(path, export_observations(&network).map_err(work)?.as_bytes())?;
+    }
+    if let Some(path) = &request.stations {
+        write_file(path, export_stations(&network).map_err(work)?.as_bytes())?;
+    }
+    if let Some(path) = &request.cameras {
+        write_file(path, export_cameras(&network).map_err(work)?.as_bytes())?;
+    }
+    let asked = [&request.points, &request.observations, &request.stations, &request.cameras];
+    if asked.iter().all(|path| path.is_none()) {
+        return Err(CommandError::input(
+            "export: found no table to write, expected --points, --observations, --stations or --cameras",
+        ));
+    }
+    Ok(())
+}
+
+/// Compares a project's coordinates with known ones.
+///
+/// # Errors
+/// [`CommandError`] where a file is bad or fewer than three points are common.
+pub fn compare(project: &Path, reference: &Path, scale: Scale, form: Form) -> Result<(), CommandError> {
+    let reference = read_reference(reference)?;
+    let network = read_project(project)?;
+    let settings = CompareSettings { scale, ..CompareSettings::default() };
+    let comparison = compare_points(&network, &reference, &settings)
+        .map_err(|e| CommandError::work(format!("{}: {e}", project.display())))?;
+    match form {
+        Form::Json => {
+            let json = serde_json::to_string_pretty(&comparison)
+                .map_err(|e| CommandError::work(format!("result as JSON: {e}")))?;
+            show(&json)
+        }
+        Form::Text => show(&comparison.text()),
+    }
+}

@@ -1,0 +1,116 @@
+//! The commands of the program without a window: each takes what the arguments said and does it.
+//!
+//! Deliberately absent: argument parsing (`main.rs`) and measurement (they drive the same session as the window).
+
+mod codes;
+mod demo;
+mod detect;
+mod export;
+mod project;
+mod run;
+mod terminal;
+
+use crate::imaging::LoadError;
+use crate::project::files::FileError;
+use crate::project::intake::IntakeError;
+use crate::project::storage::StorageError;
+use crate::report::WriteError;
+
+pub use codes::codes;
+pub use demo::{DemoCross, DemoRequest, demo};
+pub use detect::{DetectRequest, detect};
+pub use export::{ExportRequest, compare, export};
+pub use project::{NewRequest, add, exclude, new};
+pub use run::{measure, run};
+pub use terminal::{monitor_on_terminal, report_failure};
+
+/// How results are printed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Form {
+    /// For people.
+    Text,
+    /// For programs.
+    Json,
+}
+
+impl Form {
+    /// JSON where it was asked for.
+    #[must_use]
+    pub fn of_json(json: bool) -> Self {
+        if json { Form::Json } else { Form::Text }
+    }
+}
+
+/// The class of a failure, which decides the exit status.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Failure {
+    /// The work could not be done (1).
+    Work,
+    /// Arguments or input files are bad (2).
+    Input,
+    /// Interrupted (130).
+    Interrupted,
+}
+
+/// A command that did not do what it was asked.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{line}")]
+pub struct CommandError {
+    /// Its class.
+    pub failure: Failure,
+    /// What went wrong, in one line.
+    pub line: String,
+}
+
+impl CommandError {
+    /// The work could not be done.
+    #[must_use]
+    pub fn work(line: impl Into<String>) -> Self {
+        Self { failure: Failure::Work, line: line.into() }
+    }
+
+    /// Arguments or input files are bad.
+    #[must_use]
+    pub fn input(line: impl Into<String>) -> Self {
+        Self { failure: Failure::Input, line: line.into() }
+    }
+
+    /// The operator stopped it.
+    #[must_use]
+    pub fn interrupted() -> Self {
+        Self {
+            failure: Failure::Interrupted,
+            line: "interrupted; all finished steps are kept, the same command goes on from there".into(),
+        }
+    }
+}
+
+impl From<FileError> for CommandError {
+    fn from(error: FileError) -> Self {
+        Self::input(error.to_string())
+    }
+}
+
+impl From<IntakeError> for CommandError {
+    fn from(error: IntakeError) -> Self {
+        Self::input(error.to_string())
+    }
+}
+
+impl From<LoadError> for CommandError {
+    fn from(error: LoadError) -> Self {
+        Self::input(error.to_string())
+    }
+}
+
+impl From<StorageError> for CommandError {
+    fn from(error: StorageError) -> Self {
+        Self::input(error.to_string())
+    }
+}
+
+impl From<WriteError> for CommandError {
+    fn from(error: WriteError) -> Self {
+        Self::input(error.to_string())
+    }
+}

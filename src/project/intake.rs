@@ -1,0 +1,378 @@
+//! Taking images into a project: files, cameras, the same picture twice.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::{self, Read};
+use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
+
+use rayon::prelude::*;
+use sha2::{Digest, Sha256};
+
+use super::files::CameraFile;
+use crate::camera::{Camera, InteriorOrientation};
+use crate::imaging::{LoadError, PictureMeta, read_meta, read_size};
+use crate::network::{
+    CameraEntry, CameraId, ImageEntry, ImageFile, ImageId, ImageUse, InteriorSource, Network,
+};
+
+/// Extensions that make a file of a folder an image.
+const IMAGE_EXTENSIONS: [&str; 9] =
+    ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "pgm", "ppm", "pnm"];
+
+/// Principal distance over image width where nothing is known, as of a moderate wide-angle lens; the start of a search.
+const UNKNOWN_DISTANCE_PER_WIDTH: f64 = 1.0;
+
+/// Image width of a camera of which nothing is known, mm (a full-frame sensor); only ratios matter then.
+const UNKNOWN_WIDTH_MM: f64 = 36.0;
+
+/// Diagonal of 36 mm x 24 mm film, to which "35 mm equivalent" focal lengths refer, mm.
+const FILM_DIAGONAL_MM: f64 = 43.266_615_305_567_87;
+
+/// Why images could not be taken in.
+#[derive(Debug, thiserror::Error)]
+pub enum IntakeError {
+    /// No such file or folder.
+    #[error("{path}: found no such file or folder, expected images")]
+    Missing {
+        /// The path.
+        path: String,
+    },
+    /// A folder without images.
+    #[error("{path}: found no images in this folder, expected files such as .png, .jpg or .tif")]
+    NoImages {
+        /// The folder.
+        path: String,
+    },
+    /// The file is no picture.
+    #[error(transparent)]
+    Picture(#[from] LoadError),
+    /// The file cannot be read.
+    #[error("{path}: {source}")]
+    Unreadable {
+        /// The file.
+        path: String,
+        /// Why.
+        source: io::Error,
+    },
+    /// The picture is in the project already, or was given twice.
+    #[error("{path}: found the same picture as {other}, expected each picture once")]
+    Twice {
+        /// The file.
+        path: String,
+        /// The other file.
+        other: String,
+    },
+    /// No camera has the size of the picture.
+    #[error("{path}: found {width} x {height} px, expected {cameras}")]
+    WrongSize {
+        /// The file.
+        path: String,
+        /// Columns.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// The sizes of the cameras, in words.
+        cameras: String,
+    },
+    /// Two cameras fit the picture.
+    #[error("{path}: found {found} cameras of its size, expected one, or names equal to the EXIF model")]
+    AmbiguousCamera {
+        /// The file.
+        path: String,
+        /// Cameras of that size.
+        found: usize,
+    },
+    /// The image to exclude is not in the project.
+    #[error("{path}: found no such image in the project, expected one of its {images} images")]
+    NotInProject {
+        /// The file as given.
+        path: String,
+        /// Images in the project.
+        images: usize,
+    },
+}
+
+/// A file that is to become an image.
+struct Candidate {
+    path: PathBuf,
+    stored: String,
+    size_bytes: u64,
+    sha256: String,
+    width_px: u32,
+    height_px: u32,
+    meta: PictureMeta,
+}
+
+/// Adds the cameras of camera files to a network.
+pub fn add_cameras(network: &mut Network, files: &[CameraFile]) {
+    for file in files {
+        let pitch = file.pixel_pitch_mm.unwrap_or(UNKNOWN_WIDTH_MM / f64::from(file.width_px));
+        let nominal = Camera {
+            width_px: file.width_px,
+            height_px: file.height_px,
+            pixel_pitch_mm: pitch,
+            interior: InteriorOrientation {
+                principal_distance: file
+                    .principal_distance_mm
+                    .unwrap_or(UNKNOWN_DISTANCE_PER_WIDTH * pitch * f64::from(file.width_px)),
+                ..file.interior()
+            },
+        };
+        let known = file.principal_distance_mm.is_some();
+        add_camera(
+            network,
+            CameraEntry {
+                name: file.name.clone(),
+                camera: nominal.clone(),
+                nominal,
+                known_sigmas: file.known_sigmas,
+                source: if known { InteriorSource::CameraFile } else { InteriorSource::Unknown },
+                exif_model: None,
+            },
+        );
+    }
+}
+
+fn add_camera(network: &mut Network, entry: CameraEntry) -> CameraId {
+    let cameras = Arc::make_mut(&mut network.cameras);
+    let id = CameraId(cameras.keys().next_back().map_or(1, |last| last.0 + 1));
+    cameras.insert(id, Arc::new(entry));
+    id
+}
+
+/// Adds images (files, or all images of folders) to a network; paths are stored relative to `folder` where they can be.
+///
+/// # Errors
+/// [`IntakeError`]; the network is unchanged then.
+pub fn add_images(network: &mut Network, folder: &Path, paths: &[PathBuf]) -> Result<usize, IntakeError> {
+    let files = expand(paths)?;
+    let candidates = files
+        .par_iter()
+        .map(|path| examine(path, folder))
+        .collect::<Vec<_>>()
+        .into_iter()
+        .collect::<Result<Vec<_>, _>>()?;
+    let mut seen: BTreeMap<String, String> =
+        network.images.values().map(|i| (i.file.sha256.clone(), i.file.path.clone())).collect();
+    for candidate in &candidates {
+        if let Some(other) = seen.insert(candidate.sha256.clone(), candidate.stored.clone()) {
+            return Err(IntakeError::Twice { path: candidate.path.display().to_string(), other });
+        }
+    }
+    let mut changed = network.clone();
+    let from_files = changed.cameras.values().any(|c| c.exif_model.is_none());
+    for candidate in candidates.iter() {
+        let camera = if from_files {
+            matching_camera(&changed, candidate)?
+        } else {
+            camera_of_meta(&mut changed, candidate)
+        };
+        let images = Arc::make_mut(&mut changed.images);
+        let id = ImageId(images.keys().next_back().map_or(1, |last| last.0 + 1));
+        let file = ImageFile {
+            path: candidate.stored.clone(),
+            size_bytes: candidate.size_bytes,
+            sha256: candidate.sha256.clone(),
+            width_px: candidate.width_px,
+            height_px: candidate.height_px,
+        };
+        images.insert(id, Arc::new(ImageEntry::new(file, camera)));
+    }
+    changed.inputs += 1;
+    *network = changed;
+    Ok(candidates.len())
+}
+
+/// Excludes images; what was measured in them stays but takes no part.
+///
+/// # Errors
+/// [`IntakeError::NotInProject`]; the network is unchanged then.
+pub fn exclude_images(network: &mut Network, folder: &Path, paths: &[PathBuf]) -> Result<usize, IntakeError> {
+    let mut changed = network.clone();
+    for path in paths {
+        let stored = stored_path(path, folder);
+        let as_given = path.to_string_lossy().replace('\\', "/");
+        let id = changed
+            .images
+            .iter()
+            .find(|(_, image)| image.file.path == stored || image.file.path == as_given)
+            .map(|(id, _)| *id)
+            .ok_or_else(|| IntakeError::NotInProject {
+                path: path.display().to_string(),
+                images: network.images.len(),
+            })?;
+        changed.image_mut(id).usage = ImageUse::Excluded;
+    }
+    changed.inputs += 1;
+    *network = changed;
+    Ok(paths.len())
+}
+
+/// The picture file of a stored path.
+#[must_use]
+pub fn picture_path(folder: &Path, stored: &str) -> PathBuf {
+    let path = PathBuf::from(stored);
+    if path.is_absolute() { path } else { folder.join(path) }
+}
+
+/// Files and the images in folders, in the order given, folders sorted by name.
+fn expand(paths: &[PathBuf]) -> Result<Vec<PathBuf>, IntakeError> {
+    let mut files = Vec::new();
+    for path in paths {
+        if path.is_dir() {
+            let entries = fs::read_dir(path)
+                .and_then(Iterator::collect::<io::Result<Vec<_>>>)
+                .map_err(|source| IntakeError::Unreadable { path: path.display().to_string(), source })?;
+            let mut images: Vec<PathBuf> =
+                entries.into_iter().map(|e| e.path()).filter(|p| p.is_file() && has_image_extension(p)).collect();
+            if images.is_empty() {
+                return Err(IntakeError::NoImages { path: path.display().to_string() });
+            }
+            images.sort();
+            files.append(&mut images);
+        } else if path.is_file() {
+            files.push(path.clone());
+        } else {
+            return Err(IntakeError::Missing { path: path.display().to_string() });
+        }
+    }
+    Ok(files)
+}
+
+fn has_image_extension(path: &Path) -> bool {
+    let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    extension.is_some_and(|e| IMAGE_EXTENSIONS.contains(&e.as_str()))
+}
+
+fn examine(path: &Path, folder: &Path) -> Result<Candidate, IntakeError> {
+    let unreadable = |source| IntakeError::Unreadable { path: path.display().to_string(), source };
+    let (width_px, height_px) = read_size(path)?;
+    let meta = read_meta(path)?;
+    let (size_bytes, sha256) = hash(path).map_err(unreadable)?;
+    Ok(Candidate {
+        path: path.to_owned(),
+        stored: stored_path(path, folder),
+        size_bytes,
+        sha256,
+        width_px,
+        height_px,
+        meta,
+    })
+}
+
+fn hash(path: &Path) -> io::Result<(u64, String)> {
+    let mut file = File::open(path)?;
+    let mut hasher = Sha256::new();
+    let mut buffer = vec![0; 1 << 16];
+    let mut size = 0;
+    loop {
+        let read = file.read(&mut buffer)?;
+        if read == 0 {
+            break;
+        }
+        size += read as u64;
+        hasher.update(&buffer[..read]);
+    }
+    let digest = hasher.finalize();
+    Ok((size, digest.iter().map(|byte| format!("{byte:02x}")).collect()))
+}
+
+/// The path relative to the project's folder where the file lies in or beside it, else the absolute one; with slashes.
+fn stored_path(path: &Path, folder: &Path) -> String {
+    let absolute = |p: &Path| fs::canonicalize(p).unwrap_or_else(|_| p.to_owned());
+    let (path, folder) = (absolute(path), absolute(folder));
+    let common = path.components().zip(folder.components()).take_while(|(a, b)| a == b).count();
+    // With nothing but the root in common, a relative path would be longer and no easier to move.
+    let named = path.components().take(common).filter(|c| matches!(c, Component::Normal(_))).count();
+    if named == 0 {
+        return path.to_string_lossy().replace('\\', "/");
+    }
+    let up = folder.components().skip(common).map(|_| "..".to_owned());
+    let down = path.components().skip(common).map(|c| c.as_os_str().to_string_lossy().into_owned());
+    up.chain(down).collect::<Vec<_>>().join("/")
+}
+
+/// The camera file whose size, and where several have it whose name, fits the picture.
+fn matching_camera(network: &Network, candidate: &Candidate) -> Result<CameraId, IntakeError> {
+    let path = || candidate.path.display().to_string();
+    let of_size: Vec<(CameraId, &CameraEntry)> = network
+        .cameras
+        .iter()
+        .filter(|(_, c)| (c.camera.width_px, c.camera.height_px) == (candidate.width_px, candidate.height_px))
+        .map(|(id, c)| (*id, c.as_ref()))
+        .collect();
+    match of_size.as_slice() {
+        [(id, _)] => Ok(*id),
+        [] => Err(IntakeError::WrongSize {
+            path: path(),
+            width: candidate.width_px,
+            height: candidate.height_px,
+            cameras: network
+                .cameras
+                .values()
+                .map(|c| format!("{} x {} px of camera '{}'", c.camera.width_px, c.camera.height_px, c.name))
+                .collect::<Vec<_>>()
+                .join(" or "),
+        }),
+        several => {
+            let model = candidate.meta.model.as_deref().map(str::trim);
+            several
+                .iter()
+                .find(|(_, c)| model == Some(c.name.trim()))
+                .map(|(id, _)| *id)
+                .ok_or_else(|| IntakeError::AmbiguousCamera { path: path(), found: several.len() })
+        }
+    }
+}
+
+/// The camera that the picture's EXIF data describe, new where it is the first of its kind.
+fn camera_of_meta(network: &mut Network, candidate: &Candidate) -> CameraId {
+    let nominal = camera_from_meta(&candidate.meta, candidate.width_px, candidate.height_px);
+    let known = candidate.meta.focal_length_mm.is_some() || candidate.meta.focal_length_35mm.is_some();
+    let model = candidate.meta.model.clone().unwrap_or_default().trim().to_owned();
+    let same = network.cameras.iter().find(|(_, c)| {
+        c.exif_model.as_deref() == Some(model.as_str()) && c.nominal == nominal
+    });
+    if let Some((id, _)) = same {
+        return *id;
+    }
+    let name = if model.is_empty() { "unknown camera".to_owned() } else { model.clone() };
+    add_camera(
+        network,
+        CameraEntry {
+            name,
+            camera: nominal.clone(),
+            nominal,
+            known_sigmas: [None; 10],
+            source: if known { InteriorSource::Exif } else { InteriorSource::Unknown },
+            exif_model: Some(model),
+        },
+    )
+}
+
+/// Pitch and principal distance from EXIF: the focal length with the sensor's pitch, else the 35 mm equivalent, which
+/// fixes the ratio of principal distance and diagonal.
+fn camera_from_meta(meta: &PictureMeta, width_px: u32, height_px: u32) -> Camera {
+    let diagonal_px = f64::from(width_px).hypot(f64::from(height_px));
+    let reduced = meta.taken_width_px.map_or(1.0, |taken| f64::from(taken) / f64::from(width_px.max(1)));
+    let plausible = |pitch: &f64| (2e-4..0.1).contains(pitch);
+    let (pitch, distance) = match (meta.focal_length_mm, meta.focal_length_35mm, meta.pixel_pitch_mm) {
+        (Some(focal), Some(focal_35), _) if focal > 0.0 && focal_35 > 0.0 => {
+            (FILM_DIAGONAL_MM * focal / focal_35 / diagonal_px, focal)
+        }
+        (Some(focal), None, Some(pitch)) if focal > 0.0 => (pitch * reduced, focal),
+        (None, Some(focal_35), _) if focal_35 > 0.0 => (FILM_DIAGONAL_MM / diagonal_px, focal_35),
+        _ => {
+            let pitch = UNKNOWN_WIDTH_MM / f64::from(width_px.max(1));
+            (pitch, UNKNOWN_DISTANCE_PER_WIDTH * UNKNOWN_WIDTH_MM)
+        }
+    };
+    let (pitch, distance) = if plausible(&pitch) {
+        (pitch, distance)
+    } else {
+        let pitch = UNKNOWN_WIDTH_MM / f64::from(width_px.max(1));
+        (pitch, UNKNOWN_DISTANCE_PER_WIDTH * UNKNOWN_WIDTH_MM)
+    };
+    Camera { width_px, height_px, pixel_pitch_mm: pitch, interior: InteriorOrientation::pinhole(distance) }
+}

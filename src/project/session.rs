@@ -1,0 +1,206 @@
+//! A session: the document, its history and its file.
+//!
+//! Two doors change the document: [`Session::edit`] and [`Session::finish`]. Both save before they return, so nothing
+//! is ever unsaved.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::history::History;
+use super::intake::picture_path;
+use super::storage::{JournalLine, StorageError, Store};
+use crate::imaging::{GreyImage, LoadSettings, load_picture};
+use crate::monitor::Monitor;
+use crate::network::{ImageEntry, Network, Outcome, Stage};
+use crate::stages::{Advance, Halt, Pictures, Step};
+
+/// Pictures from their files.
+struct PictureFiles {
+    folder: PathBuf,
+}
+
+impl Pictures for PictureFiles {
+    fn load(&self, image: &ImageEntry) -> Result<GreyImage, String> {
+        let path = picture_path(&self.folder, &image.file.path);
+        let picture = load_picture(&path, &LoadSettings::default()).map_err(|e| e.to_string())?.image;
+        let found = (picture.width() as u64, picture.height() as u64);
+        let expected = (u64::from(image.file.width_px), u64::from(image.file.height_px));
+        if found != expected {
+            return Err(format!(
+                "{}: found {} x {} px, expected {} x {} px as when it was added",
+                path.display(),
+                found.0,
+                found.1,
+                expected.0,
+                expected.1
+            ));
+        }
+        Ok(picture)
+    }
+}
+
+/// A step that was begun: it holds all it needs and computes without the session.
+pub struct Run {
+    step: Step,
+    title: String,
+    network: Arc<Network>,
+    pictures: Arc<PictureFiles>,
+}
+
+/// What came of a run.
+pub struct Computed {
+    step: Step,
+    title: String,
+    result: Result<Advance, Halt>,
+}
+
+impl Run {
+    /// What it does, for the operator.
+    #[must_use]
+    pub fn title(&self) -> &str {
+        &self.title
+    }
+
+    /// Does the step; may take long, obeys the monitor's interrupt.
+    #[must_use]
+    pub fn compute(self, monitor: &Monitor) -> Computed {
+        let result = self.step.run(&self.network, self.pictures.as_ref(), monitor);
+        Computed { step: self.step, title: self.title, result }
+    }
+}
+
+/// How a finished step left its stage.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Finished {
+    /// The stage has another step.
+    Advanced,
+    /// The stage is done.
+    Concluded(Outcome),
+    /// The operator stopped it; all finished steps are kept.
+    Interrupted,
+}
+
+/// A document that is open.
+pub struct Session {
+    network: Arc<Network>,
+    history: History,
+    store: Store,
+    pictures: Arc<PictureFiles>,
+}
+
+impl Session {
+    /// A new project file with this document.
+    ///
+    /// # Errors
+    /// [`StorageError`] where the file exists or cannot be written.
+    pub fn create(path: &Path, network: Network) -> Result<Self, StorageError> {
+        let network = Arc::new(network);
+        let store = Store::create(path, &network)?;
+        Ok(Self::with(path, network, store))
+    }
+
+    /// An existing project file.
+    ///
+    /// # Errors
+    /// [`StorageError`] where it is no project, damaged, made by a newer version, or open elsewhere.
+    pub fn open(path: &Path) -> Result<Self, StorageError> {
+        let (store, network) = Store::open(path)?;
+        Ok(Self::with(path, network, store))
+    }
+
+    fn with(path: &Path, network: Arc<Network>, store: Store) -> Self {
+        let history = History::new(Arc::clone(&network));
+        Self { network, history, store, pictures: Arc::new(PictureFiles { folder: folder_of(path) }) }
+    }
+
+    /// The document.
+    #[must_use]
+    pub fn network(&self) -> &Arc<Network> {
+        &self.network
+    }
+
+    /// Changes the document by an edit of the operator.
+    ///
+    /// # Errors
+    /// The edit's own error, or that of saving.
+    pub fn edit<T, E: From<StorageError>>(
+        &mut self,
+        title: &str,
+        edit: impl FnOnce(&mut Network) -> Result<T, E>,
+    ) -> Result<T, E> {
+        let mut network = self.network.as_ref().clone();
+        let value = edit(&mut network)?;
+        self.adopt(title, network, None)?;
+        Ok(value)
+    }
+
+    /// Begins the next step of a stage; `None` where the stage has none, which concludes it.
+    ///
+    /// # Errors
+    /// [`StorageError`] where the conclusion cannot be saved.
+    pub fn begin(&mut self, stage: Stage) -> Result<Option<Run>, StorageError> {
+        let Some(step) = stage.next(&self.network) else {
+            if !self.network.is_concluded(stage) && stage.missing(&self.network).is_none() {
+                self.conclude(stage, None)?;
+            }
+            return Ok(None);
+        };
+        Ok(Some(Run {
+            title: step.title(&self.network),
+            step,
+            network: Arc::clone(&self.network),
+            pictures: Arc::clone(&self.pictures),
+        }))
+    }
+
+    /// Takes over what a run computed, and saves it.
+    ///
+    /// # Errors
+    /// [`StorageError`] where it cannot be saved.
+    pub fn finish(&mut self, computed: Computed) -> Result<Finished, StorageError> {
+        let stage = computed.step.stage();
+        match computed.result {
+            Ok(advance) => {
+                let outcome = if advance.complete { Outcome::Done } else { Outcome::Interrupted };
+                self.adopt(&computed.title, advance.network, Some(outcome))?;
+                if !advance.complete {
+                    return Ok(Finished::Interrupted);
+                }
+                if stage.next(&self.network).is_some() {
+                    return Ok(Finished::Advanced);
+                }
+                self.conclude(stage, None)
+            }
+            Err(Halt::Interrupted) => Ok(Finished::Interrupted),
+            Err(Halt::Failed(error)) => self.conclude(stage, Some(&error)),
+        }
+    }
+
+    fn conclude(
+        &mut self,
+        stage: Stage,
+        failure: Option<&crate::stages::StageError>,
+    ) -> Result<Finished, StorageError> {
+        let network = stage.conclude(&self.network, failure);
+        let outcome = network.conclusions[&stage].outcome;
+        self.adopt(&format!("{stage}: {outcome}"), network, Some(outcome))?;
+        Ok(Finished::Concluded(outcome))
+    }
+
+    fn adopt(&mut self, title: &str, network: Network, outcome: Option<Outcome>) -> Result<(), StorageError> {
+        let network = Arc::new(network);
+        self.store.save(&network, Some(&JournalLine::now(title, &network, outcome)))?;
+        self.history.push(title, Arc::clone(&network));
+        self.network = network;
+        Ok(())
+    }
+}
+
+/// The folder of a project file.
+#[must_use]
+pub fn folder_of(project: &Path) -> PathBuf {
+    match project.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent.to_owned(),
+        _ => PathBuf::from("."),
+    }
+}

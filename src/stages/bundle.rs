@@ -1,0 +1,306 @@
+//! Between the names of the network and the indices of an adjustment.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use super::lens::{LensFreedom, parameter_states};
+use super::scale::{bars_in_reach, scale_source};
+use crate::adjustment::{
+    Adjustment, BundleProblem, CameraBlock, CoordinatePrior, Datum, DistanceObservation,
+    ImageObservation, ObservationStatus, PointBlock, StationBlock,
+};
+use crate::network::{
+    AdjustedObservation, AdjustmentResult, BarResult, BarRole, CameraId, CameraResult, ControlRole,
+    ImageId, Network, Point, PointId, PointKind, ScaleSource, Source, Stage, Standing, Station,
+};
+use crate::targets::DotIndex;
+
+/// Fewest rays that give a point coordinates.
+const RAYS_TO_INTERSECT: usize = 2;
+
+/// Standard deviation of a control coordinate that is given as fixed, mm: far below what pictures can tell.
+const FIXED_SIGMA_MM: f64 = 1e-6;
+
+/// Standard deviation of a weighted control coordinate that is given without one, mm.
+const UNSTATED_SIGMA_MM: f64 = 0.01;
+
+/// Over which points the datum's inner constraints run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum DatumPoints {
+    /// All points.
+    All,
+    /// The dots of the codes; all points where there are none.
+    Codes,
+    /// The plain targets; all points where there are none.
+    Targets,
+}
+
+impl DatumPoints {
+    fn holds(self, id: PointId) -> bool {
+        match self {
+            DatumPoints::All => true,
+            DatumPoints::Codes => id.kind() == PointKind::Code,
+            DatumPoints::Targets => id.kind() == PointKind::Target,
+        }
+    }
+}
+
+/// An adjustment in indices with the names they stand for.
+pub(super) struct Bundle {
+    pub(super) problem: BundleProblem,
+    datum: String,
+    images: Vec<ImageId>,
+    cameras: Vec<CameraId>,
+    points: Vec<PointId>,
+    rows: Vec<(ImageId, DotIndex)>,
+    bars: Vec<String>,
+}
+
+impl Bundle {
+    /// All used observations of points that two or more oriented images show.
+    pub(super) fn assemble(network: &Network, freedom: LensFreedom, datum: DatumPoints) -> Self {
+        let points = points_with_rays(network);
+        let point_index: BTreeMap<PointId, usize> =
+            points.iter().enumerate().map(|(index, id)| (*id, index)).collect();
+        let cameras: Vec<CameraId> =
+            network.oriented_images().map(|(_, image, _)| image.camera).collect::<BTreeSet<_>>().into_iter().collect();
+        let camera_index = |id: CameraId| cameras.iter().position(|c| *c == id).unwrap_or_default();
+
+        let mut images = Vec::new();
+        let mut stations = Vec::new();
+        let mut rows = Vec::new();
+        let mut observations = Vec::new();
+        for (id, image, station) in network.oriented_images() {
+            let Some(detections) = &image.detections else { continue };
+            for (dot, label) in image.used_labels() {
+                let Some(&point) = point_index.get(&label.point) else { continue };
+                let measured = &detections.dots[dot.slot()];
+                observations.push(ImageObservation {
+                    station: stations.len(),
+                    point,
+                    pixel: measured.centre_px,
+                    sigma_px: measured.sigma_px,
+                });
+                rows.push((id, dot));
+            }
+            stations.push(StationBlock { camera: camera_index(image.camera), pose: station.pose });
+            images.push(id);
+        }
+
+        let mut bars = Vec::new();
+        let mut distances = Vec::new();
+        if scale_source(network) == ScaleSource::Bars {
+            for (bar, ends) in bars_in_reach(network) {
+                let [Some(&from), Some(&to)] = ends.map(|id| point_index.get(&id)) else { continue };
+                if bar.role == BarRole::Control {
+                    distances.push(DistanceObservation {
+                        from,
+                        to,
+                        length_mm: bar.length_mm,
+                        sigma_mm: bar.sigma_mm,
+                    });
+                    bars.push(bar.name.clone());
+                }
+            }
+        }
+
+        let mut blocks: Vec<PointBlock> =
+            points.iter().map(|id| PointBlock::unknown(network.points[id].position)).collect();
+        let known = add_control(network, &point_index, &mut blocks);
+        let (datum, in_words) = if known {
+            (Datum::Control, "control points".to_owned())
+        } else {
+            inner_constraints(datum, &points)
+        };
+        let problem = BundleProblem {
+            cameras: cameras
+                .iter()
+                .map(|id| {
+                    let entry = &network.cameras[id];
+                    CameraBlock { camera: entry.camera.clone(), parameters: parameter_states(entry, freedom) }
+                })
+                .collect(),
+            stations,
+            points: blocks,
+            observations,
+            distances,
+            datum,
+            rejected: BTreeSet::new(),
+        };
+        Self { problem, datum: in_words, images, cameras, points, rows, bars }
+    }
+
+    /// Whether an adjustment has anything to do.
+    pub(super) fn is_empty(&self) -> bool {
+        self.problem.observations.is_empty()
+    }
+
+    /// Puts estimates and precision into the network.
+    pub(super) fn write_back(&self, network: &mut Network, adjustment: &Adjustment) {
+        for (id, adjusted) in self.images.iter().zip(&adjustment.stations) {
+            network.image_mut(*id).station =
+                Some(Station { pose: adjusted.pose, covariance: Some(adjusted.covariance) });
+        }
+        for (id, adjusted) in self.cameras.iter().zip(&adjustment.cameras) {
+            network.camera_mut(*id).camera = adjusted.camera.clone();
+        }
+        let points = Arc::make_mut(&mut network.points);
+        for point in points.values_mut() {
+            if point.covariance.is_some() {
+                Arc::make_mut(point).covariance = None;
+            }
+        }
+        for (id, adjusted) in self.points.iter().zip(&adjustment.points) {
+            let point = Point {
+                position: adjusted.position,
+                covariance: adjusted.covariance,
+                rays: adjusted.rays as u32,
+            };
+            points.insert(*id, Arc::new(point));
+        }
+    }
+
+    /// Marks the observations that the test rejected; they keep their label.
+    pub(super) fn mark_rejected(&self, network: &mut Network, adjustment: &Adjustment) {
+        for ((image, dot), row) in self.rows.iter().zip(&adjustment.observations) {
+            if row.status == ObservationStatus::Used {
+                continue;
+            }
+            let labels = Arc::make_mut(&mut network.image_mut(*image).labels);
+            if let Some(label) = labels.get_mut(dot) {
+                label.rejected = Some(match row.test() {
+                    Some(w) => format!("rejected by the adjustment: |w| = {w:.1}"),
+                    None => "rejected by the adjustment: its point has too few rays".to_owned(),
+                });
+            }
+        }
+    }
+
+    /// The adjustment in the network's names.
+    pub(super) fn result(&self, network: &Network, stage: Stage, adjustment: &Adjustment) -> AdjustmentResult {
+        let observations = self
+            .rows
+            .iter()
+            .zip(&adjustment.observations)
+            .zip(&self.problem.observations)
+            .filter_map(|((&(image, dot), row), observation)| {
+                Some(AdjustedObservation {
+                    image,
+                    dot,
+                    point: self.points[observation.point],
+                    residual_px: row.residual_px?,
+                    redundancy: row.redundancy.sum(),
+                    test: row.test().unwrap_or(0.0),
+                    standing: match row.status {
+                        ObservationStatus::Used => Standing::Used,
+                        ObservationStatus::Rejected => Standing::Rejected,
+                    },
+                })
+            })
+            .collect();
+        AdjustmentResult {
+            stage,
+            basis: network.inputs,
+            sigma0: adjustment.sigma0,
+            sigma0_px: adjustment.sigma0_px,
+            rms_px: adjustment.rms_px,
+            sigma_station_mm: adjustment.sigma_station_mm(),
+            redundancy: adjustment.redundancy as i64,
+            datum: self.datum.clone(),
+            scale_from: scale_source(network),
+            cameras: self
+                .cameras
+                .iter()
+                .zip(&adjustment.cameras)
+                .map(|(&camera, adjusted)| CameraResult { camera, covariance: adjusted.covariance })
+                .collect(),
+            bars: self.bar_results(network, adjustment),
+            observations,
+        }
+    }
+
+    fn bar_results(&self, network: &Network, adjustment: &Adjustment) -> Vec<BarResult> {
+        bars_in_reach(network)
+            .into_iter()
+            .map(|(bar, [from, to])| {
+                let length = (network.points[&from].position - network.points[&to].position).norm();
+                let used = self.bars.iter().position(|name| *name == bar.name);
+                BarResult {
+                    name: bar.name.clone(),
+                    difference_mm: length - bar.length_mm,
+                    test: used
+                        .and_then(|index| adjustment.distances[index])
+                        .map(|statistics| statistics.normalised.abs()),
+                }
+            })
+            .collect()
+    }
+}
+
+/// Takes back what earlier adjustments rejected, so that the next one decides anew; the operator's decisions stay.
+pub(super) fn restore_rejected(network: &mut Network) {
+    let ids: Vec<ImageId> = network.oriented_images().map(|(id, ..)| id).collect();
+    for id in ids {
+        let touched = network.images[&id].labels.values().any(|l| l.rejected.is_some());
+        if touched {
+            for label in Arc::make_mut(&mut network.image_mut(id).labels).values_mut() {
+                if label.source == Source::Automatic {
+                    label.rejected = None;
+                }
+            }
+        }
+    }
+}
+
+/// Points with coordinates that two or more oriented images show.
+fn points_with_rays(network: &Network) -> Vec<PointId> {
+    let mut rays: BTreeMap<PointId, usize> = BTreeMap::new();
+    for (_, image, _) in network.oriented_images() {
+        for (_, label) in image.used_labels() {
+            *rays.entry(label.point).or_default() += 1;
+        }
+    }
+    rays.into_iter()
+        .filter(|(id, rays)| *rays >= RAYS_TO_INTERSECT && network.points.contains_key(id))
+        .map(|(id, _)| id)
+        .collect()
+}
+
+fn inner_constraints(datum: DatumPoints, points: &[PointId]) -> (Datum, String) {
+    let chosen: Vec<usize> = (0..points.len()).filter(|&index| datum.holds(points[index])).collect();
+    // Three points hold seven motions only just; with fewer the whole network does it.
+    let all = chosen.len() < 3;
+    let chosen = if all { (0..points.len()).collect() } else { chosen };
+    let over = match datum {
+        DatumPoints::Codes if !all => "the dots of the codes",
+        DatumPoints::Targets if !all => "the plain targets",
+        _ => "all points",
+    };
+    let text = format!("inner constraints on {over} ({})", chosen.len());
+    (Datum::InnerConstraints { points: chosen }, text)
+}
+
+/// Weighted and fixed control; whether it determines the datum (three points with all coordinates).
+fn add_control(network: &Network, index: &BTreeMap<PointId, usize>, blocks: &mut [PointBlock]) -> bool {
+    let mut whole = 0;
+    for control in network.control.iter() {
+        let sigma = |axis: usize| match control.role {
+            ControlRole::Fixed => FIXED_SIGMA_MM,
+            _ => control.sigmas_mm[axis].unwrap_or(UNSTATED_SIGMA_MM),
+        };
+        let enters = matches!(control.role, ControlRole::Weighted | ControlRole::Fixed);
+        let place = network.point_of_label(&control.label).ok().and_then(|id| index.get(&id));
+        let (true, Some(&place)) = (enters, place) else { continue };
+        blocks[place].prior = std::array::from_fn(|axis| {
+            control.coordinates_mm[axis].map(|value| CoordinatePrior { value, sigma: sigma(axis) })
+        });
+        whole += usize::from(control.coordinates_mm.iter().all(Option::is_some));
+    }
+    if whole < 3 {
+        for block in blocks {
+            block.prior = [None; 3];
+        }
+        return false;
+    }
+    true
+}

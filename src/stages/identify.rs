@@ -1,0 +1,302 @@
+//! Identification of the plain targets by multi-ray intersection, one pass a step; passes end when nothing more comes.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use super::code_shape::{CodeShapes, normal_of_code};
+use super::{Halt, adjust};
+use crate::matching::{
+    Identification, IdentificationInput, IdentificationSettings, KnownCircle, KnownPoint, Leftover,
+    LeftoverReason, Member, ObjectSpace, Track, View, ViewDot, identify,
+};
+use crate::monitor::Monitor;
+use crate::network::{
+    AdjustmentResult, Connectivity, IdentificationPass, ImageEntry, ImageId, Label, Network, Point,
+    PointId, ScaleSource, Source, Stage,
+};
+use crate::targets::{DotIndex, Family};
+
+/// Most passes on the same inputs; the paper needed two.
+const MAX_PASSES: usize = 8;
+
+/// How far dots lie from predicted places before the plain targets have improved lens and orientations, px: lens
+/// parameters from the codes alone do not yet hold in the corners.
+const FIRST_TOLERANCE_PX: f64 = 0.3;
+
+/// Least tolerance afterwards, px: eccentricity of the circles' images reaches 0.05 px.
+const LEAST_TOLERANCE_PX: f64 = 0.06;
+
+/// By how much of its diagonal the space of the known points is widened to hold all targets.
+const SPACE_MARGIN: f64 = 0.5;
+
+/// Whether another pass may name more dots.
+pub(super) fn is_unfinished(network: &Network) -> bool {
+    let done: Vec<_> = network.passes.iter().filter(|p| p.basis == network.inputs).collect();
+    done.last().is_none_or(|pass| pass.labelled > 0) && done.len() < MAX_PASSES
+}
+
+/// One pass: names dots of known points and new targets, then adjusts everything.
+pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> {
+    let Scene { views, images, known, known_ids, neighbours } = Scene::of(network);
+    let sigma_station_mm = network.adjustment.as_ref().map_or(0.0, |a| a.sigma_station_mm);
+    let space = ObjectSpace::around(known.iter().map(|k| &k.position), SPACE_MARGIN);
+    let offered: usize = views.iter().map(|v| v.dots.len()).sum();
+    let mut labelled = 0;
+    let mut new_points = 0;
+    if let Some(space) = space {
+        let plain: Vec<View> = views.iter().map(|v| v.view.clone()).collect();
+        let input = IdentificationInput {
+            views: &plain,
+            neighbours: &neighbours,
+            known: &known,
+            space,
+            station_sigma_mm: sigma_station_mm,
+            image_tolerance_px: tolerance_px(network),
+        };
+        let settings = IdentificationSettings {
+            min_rays: network.settings.min_rays as usize,
+            ..IdentificationSettings::default()
+        };
+        let found = identify(&input, &settings, monitor)?;
+        let before = network.points.len();
+        labelled = Names { images: &images, views: &views, known_ids: &known_ids }.give(network, &found);
+        new_points = network.points.len() - before;
+    }
+    if labelled > 0 {
+        adjust::adjust(network, Stage::Identify, monitor)?;
+    }
+    let pass = IdentificationPass {
+        basis: network.inputs,
+        labelled: labelled as u32,
+        remaining: offered.saturating_sub(labelled) as u32,
+        points: new_points as u32,
+        sigma_station_mm,
+    };
+    Arc::make_mut(&mut network.passes).push(pass);
+    Ok(())
+}
+
+fn tolerance_px(network: &Network) -> f64 {
+    let adjusted_with_targets =
+        |a: &&Arc<AdjustmentResult>| matches!(a.stage, Stage::Identify | Stage::Adjust);
+    match network.adjustment.as_ref().filter(adjusted_with_targets) {
+        Some(adjustment) => (3.0 * adjustment.rms_px).clamp(LEAST_TOLERANCE_PX, FIRST_TOLERANCE_PX),
+        None => FIRST_TOLERANCE_PX,
+    }
+}
+
+/// An image's view for identification with the places of its dots in the image's detections.
+struct ImageView {
+    view: View,
+    dots: Vec<DotIndex>,
+}
+
+/// The network in the numbers of identification.
+struct Scene {
+    views: Vec<ImageView>,
+    images: Vec<ImageId>,
+    known: Vec<KnownPoint>,
+    known_ids: Vec<PointId>,
+    neighbours: Vec<Vec<usize>>,
+}
+
+impl Scene {
+    fn of(network: &Network) -> Self {
+        let mut views = Vec::new();
+        let mut images = Vec::new();
+        for (id, image, station) in network.oriented_images() {
+            let Some(detections) = &image.detections else { continue };
+            let dots: Vec<DotIndex> = (0..detections.dots.len() as u32)
+                .map(DotIndex)
+                .filter(|dot| is_free(network, image, *dot))
+                .collect();
+            let view_dots = dots
+                .iter()
+                .map(|dot| {
+                    let dot = &detections.dots[dot.slot()];
+                    ViewDot {
+                        pixel: dot.centre_px,
+                        sigma_px: dot.sigma_px,
+                        major_px: dot.major_px,
+                        minor_px: dot.minor_px,
+                        angle: dot.angle,
+                    }
+                })
+                .collect();
+            let camera = network.camera_of(image).camera.clone();
+            views.push(ImageView { view: View { camera, pose: station.pose, dots: view_dots }, dots });
+            images.push(id);
+        }
+        let place: BTreeMap<ImageId, usize> = images.iter().enumerate().map(|(i, id)| (*id, i)).collect();
+        let (known_ids, known) = known_points(network, &images).into_iter().unzip();
+        let connectivity = Connectivity::of(network);
+        let mut neighbours = vec![Vec::new(); images.len()];
+        for image in &connectivity.images {
+            if let Some(&index) = place.get(&image.image) {
+                neighbours[index] = image.shared.keys().filter_map(|id| place.get(id).copied()).collect();
+            }
+        }
+        Self { views, images, known, known_ids, neighbours }
+    }
+}
+
+/// Whether a dot has no name that holds: none, or that of a code which only this image shows.
+fn is_free(network: &Network, image: &ImageEntry, dot: DotIndex) -> bool {
+    match image.labels.get(&dot) {
+        None => true,
+        Some(label) => {
+            label.source == Source::Automatic && !network.points.contains_key(&label.point)
+        }
+    }
+}
+
+/// All points with coordinates; a code's dots face the way its axes say.
+fn known_points(network: &Network, images: &[ImageId]) -> Vec<(PointId, KnownPoint)> {
+    let mut seen_in: BTreeMap<PointId, Vec<usize>> = BTreeMap::new();
+    for (index, id) in images.iter().enumerate() {
+        for label in network.images[id].labels.values() {
+            seen_in.entry(label.point).or_default().push(index);
+        }
+    }
+    let metric = network.adjustment.as_ref().is_some_and(|a| a.scale_from != ScaleSource::Arbitrary);
+    network
+        .points
+        .iter()
+        .map(|(&id, point)| {
+            let circle = match id {
+                PointId::Code { family: Family::Dot420, code, .. } => normal_of_code(network, code).map(|normal| {
+                    let diameter = network.settings.targets.of(Family::Dot420).dot_mm;
+                    KnownCircle { diameter_mm: metric.then_some(diameter), normal }
+                }),
+                _ => None,
+            };
+            let known = KnownPoint {
+                position: point.position,
+                sigma_mm: point.covariance.map_or(0.0, |q| (q.trace() / 3.0).sqrt()),
+                seen_in: seen_in.remove(&id).unwrap_or_default(),
+                circle,
+            };
+            (id, known)
+        })
+        .collect()
+}
+
+/// Puts the result of a pass into the network.
+struct Names<'a> {
+    images: &'a [ImageId],
+    views: &'a [ImageView],
+    known_ids: &'a [PointId],
+}
+
+impl Names<'_> {
+    /// Returns the number of dots that got a name.
+    fn give(&self, network: &mut Network, found: &Identification) -> usize {
+        let mut labelled = 0;
+        for claim in &found.claims {
+            self.name(network, claim.member, self.known_ids[claim.known]);
+            labelled += 1;
+        }
+        let code_names = self.names_of_single_codes(network, &found.tracks);
+        for (index, track) in found.tracks.iter().enumerate() {
+            let point = code_names.get(&index).copied().unwrap_or_else(|| {
+                network.next_target += 1;
+                PointId::Target(network.next_target)
+            });
+            let coordinates =
+                Point { position: track.position, covariance: None, rays: track.members.len() as u32 };
+            Arc::make_mut(&mut network.points).insert(point, Arc::new(coordinates));
+            for member in &track.members {
+                self.name(network, *member, point);
+                labelled += 1;
+            }
+        }
+        self.explain(network, &found.leftover);
+        labelled
+    }
+
+    fn name(&self, network: &mut Network, member: Member, point: PointId) {
+        let dot = self.views[member.view].dots[member.dot];
+        let image = network.image_mut(self.images[member.view]);
+        let previous = image.labels.get(&dot).map(|label| label.point);
+        if let Some(PointId::Code { family, code, .. }) = previous.filter(|p| *p != point) {
+            set_code_aside(image, family, code, "its dots belong to other targets");
+        }
+        let label = Label { point, source: Source::Automatic, rejected: None };
+        Arc::make_mut(&mut image.labels).insert(dot, label);
+    }
+
+    /// Codes that a single image shows have no coordinates yet; where the intersections of their dots have the shape of
+    /// the code, the intersections get the code's names instead of new ones.
+    fn names_of_single_codes(&self, network: &Network, tracks: &[Track]) -> BTreeMap<usize, PointId> {
+        let mut track_of_point: BTreeMap<PointId, BTreeSet<usize>> = BTreeMap::new();
+        for (index, track) in tracks.iter().enumerate() {
+            for member in &track.members {
+                let dot = self.views[member.view].dots[member.dot];
+                let image = &network.images[&self.images[member.view]];
+                if let Some(label) = image.labels.get(&dot) {
+                    track_of_point.entry(label.point).or_default().insert(index);
+                }
+            }
+        }
+        let unique: BTreeMap<PointId, usize> = track_of_point
+            .into_iter()
+            .filter(|(_, tracks)| tracks.len() == 1)
+            .filter_map(|(point, tracks)| Some((point, *tracks.first()?)))
+            .collect();
+        let shapes = CodeShapes::of(network);
+        let mut names = BTreeMap::new();
+        for (&point, &index) in &unique {
+            let PointId::Code { family, code, .. } = point else { continue };
+            let places: BTreeMap<PointId, _> = PointId::of_code(family, code)
+                .into_iter()
+                .filter_map(|p| Some((p, tracks[*unique.get(&p)?].position)))
+                .collect();
+            if shapes.fits(family, code, &places) {
+                names.insert(index, point);
+            }
+        }
+        names
+    }
+
+    fn explain(&self, network: &mut Network, leftover: &[Leftover]) {
+        let mut reasons: BTreeMap<usize, BTreeMap<DotIndex, String>> = BTreeMap::new();
+        for left in leftover {
+            let dot = self.views[left.member.view].dots[left.member.dot];
+            reasons.entry(left.member.view).or_default().insert(dot, in_words(&left.reason));
+        }
+        for (view, id) in self.images.iter().enumerate() {
+            network.image_mut(*id).unlabelled = Arc::new(reasons.remove(&view).unwrap_or_default());
+        }
+    }
+}
+
+/// Takes the names of a code's dots away in one image, for this reason.
+pub(super) fn set_code_aside(image: &mut ImageEntry, family: Family, code: u32, reason: &str) {
+    let Some(detections) = image.detections.clone() else { return };
+    let place = detections.codes.iter().position(|r| (r.family, r.id) == (family, code));
+    if let Some(place) = place {
+        Arc::make_mut(&mut image.set_aside).insert(place, reason.to_owned());
+    }
+    Arc::make_mut(&mut image.labels).retain(|_, label| {
+        let of_code = matches!(label.point, PointId::Code { family: f, code: c, .. } if (f, c) == (family, code));
+        !of_code || label.source == Source::Operator
+    });
+}
+
+fn in_words(reason: &LeftoverReason) -> String {
+    match reason {
+        LeftoverReason::NoPartner => "no dot of another image lies on its ray".into(),
+        LeftoverReason::TooFewRays { found, needed } => {
+            format!("its best intersection has {found} rays, {needed} are needed")
+        }
+        LeftoverReason::Accidental { rays, .. } => {
+            format!("its {rays} rays may meet by accident")
+        }
+        LeftoverReason::Ambiguous { rays, rival_rays } => {
+            format!("ambiguous: {rays} rays against {rival_rays} of another reading")
+        }
+        LeftoverReason::Contested { distance_px } => {
+            format!("{distance_px:.2} px from the predicted place of a target that another dot claims too")
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! What an adjustment may do with the lens.
+
+use crate::adjustment::ParameterState;
+use crate::network::{CameraEntry, InteriorSource};
+
+/// How far the lens is let go.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum LensFreedom {
+    /// Every parameter is held near its nominal value by what any real lens keeps to: few images cannot bend it.
+    Provisional,
+    /// Self-calibration: every parameter is free but those known beforehand.
+    Free,
+}
+
+/// Standard deviation of a principal distance taken from a camera file or EXIF, as a share of it: focusing changes it
+/// by some per cent.
+const DISTANCE_SHARE: f64 = 0.05;
+/// The same where the principal distance was searched.
+const SEARCHED_DISTANCE_SHARE: f64 = 0.3;
+/// Standard deviation of the principal point, as a share of the half diagonal.
+const PRINCIPAL_POINT_SHARE: f64 = 0.03;
+/// Standard deviation of the radial distortion of each order in the image corner, as a share of the radius.
+const RADIAL_SHARE: f64 = 0.05;
+/// The same of the decentring distortion.
+const TANGENTIAL_SHARE: f64 = 0.003;
+/// Standard deviation of affinity and shear.
+const AFFINITY: f64 = 0.002;
+
+/// The part that the ten parameters take, in the order of `INTERIOR_NAMES`.
+pub(super) fn parameter_states(entry: &CameraEntry, freedom: LensFreedom) -> [ParameterState; 10] {
+    let nominal = entry.nominal.interior.to_vector();
+    let usual = usual_sigmas(entry);
+    std::array::from_fn(|parameter| {
+        let value = nominal[parameter];
+        match (entry.known_sigmas[parameter], freedom) {
+            (Some(sigma), _) => ParameterState::Weighted { value, sigma },
+            (None, LensFreedom::Free) => ParameterState::Free,
+            (None, LensFreedom::Provisional) => {
+                ParameterState::Weighted { value, sigma: usual[parameter] }
+            }
+        }
+    })
+}
+
+/// By how much the parameters of real lenses differ from nominal ones.
+fn usual_sigmas(entry: &CameraEntry) -> [f64; 10] {
+    let camera = &entry.nominal;
+    let radius = camera.pixel_pitch_mm * f64::from(camera.width_px).hypot(f64::from(camera.height_px)) / 2.0;
+    let distance_share = match entry.source {
+        InteriorSource::Unknown => SEARCHED_DISTANCE_SHARE,
+        InteriorSource::CameraFile | InteriorSource::Exif => DISTANCE_SHARE,
+    };
+    let point = PRINCIPAL_POINT_SHARE * radius;
+    let radial = |order: i32| RADIAL_SHARE / radius.powi(2 * order);
+    let tangential = TANGENTIAL_SHARE / radius;
+    [
+        distance_share * camera.interior.principal_distance,
+        point,
+        point,
+        radial(1),
+        radial(2),
+        radial(3),
+        tangential,
+        tangential,
+        AFFINITY,
+        AFFINITY,
+    ]
+}

@@ -1,0 +1,231 @@
+//! The six stages of a measurement (Hattori et al., 2002), each a sequence of steps.
+//!
+//! A step is a pure function of the network: it gets a value and returns a new one, so an interrupt, an error or a panic
+//! leaves no trace. Which step comes next follows from the network alone; "step", "run stage", "run all", "interrupt",
+//! "mend by hand, go on" and "reopen tomorrow, go on" are therefore one mechanism.
+//!
+//! Deliberately absent: files (a step asks [`Pictures`]), clocks, and randomness without a seed from the settings.
+
+mod adjust;
+mod bundle;
+mod code_shape;
+mod connect;
+mod detect;
+mod first_pair;
+mod identify;
+mod lens;
+mod resection;
+mod scale;
+
+use crate::imaging::GreyImage;
+use crate::monitor::{Interrupted, Monitor};
+use crate::network::{
+    About, Conclusion, Finding, FindingKind, ImageEntry, ImageId, Network, Outcome, Stage,
+};
+
+/// Where steps get their pictures from.
+pub trait Pictures: Sync {
+    /// The picture of an image.
+    ///
+    /// # Errors
+    /// One line for the operator: which file, what is wrong with it.
+    fn load(&self, image: &ImageEntry) -> Result<GreyImage, String>;
+}
+
+/// One step of a stage.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// Detect targets in these images.
+    Detect(Vec<ImageId>),
+    /// Orient the first two images.
+    FirstPair,
+    /// Connect this image.
+    Connect(ImageId),
+    /// Adjust all codes.
+    AdjustCodes,
+    /// One pass of identification.
+    Identify,
+    /// The final adjustment.
+    Adjust,
+}
+
+/// What a step achieved.
+#[derive(Clone, Debug)]
+pub struct Advance {
+    /// The network after the step.
+    pub network: Network,
+    /// `false`: interrupted, the network holds what was finished.
+    pub complete: bool,
+}
+
+impl Advance {
+    fn complete(network: Network) -> Self {
+        Self { network, complete: true }
+    }
+}
+
+/// Why a step ended without a new network.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Halt {
+    /// The operator stopped it.
+    #[error("interrupted")]
+    Interrupted,
+    /// It cannot be done with what there is.
+    #[error("{0}")]
+    Failed(StageError),
+}
+
+impl From<Interrupted> for Halt {
+    fn from(_: Interrupted) -> Self {
+        Self::Interrupted
+    }
+}
+
+/// Why a stage cannot do its work.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum StageError {
+    /// Fewer than two images have targets.
+    #[error("found {found} images with targets, at least 2 are needed")]
+    TooFewImages {
+        /// Images with targets.
+        found: usize,
+    },
+    /// No pair of images could be oriented.
+    #[error("no pair of images could be oriented: {reason}")]
+    NoFirstPair {
+        /// What came nearest.
+        reason: String,
+    },
+    /// The adjustment failed.
+    #[error("the adjustment failed: {reason}")]
+    Adjustment {
+        /// Why.
+        reason: String,
+    },
+}
+
+impl Stage {
+    /// What must come first, in the operator's words; `None` where the stage can run.
+    #[must_use]
+    pub fn missing(self, network: &Network) -> Option<String> {
+        let oriented = network.oriented_images().count();
+        match self {
+            Stage::Detect if network.images.is_empty() => Some("the project has no images".into()),
+            Stage::Detect => None,
+            Stage::FirstPair => {
+                let detected = network.used_images().any(|(_, i)| i.detections.is_some());
+                (!detected).then(|| "no image has detected targets yet".into())
+            }
+            Stage::Connect | Stage::AdjustCodes | Stage::Identify | Stage::Adjust => {
+                (oriented < 2).then(|| "no two images are oriented yet".into())
+            }
+        }
+    }
+
+    /// The next step of this stage; `None` where it is done or something is missing.
+    #[must_use]
+    pub fn next(self, network: &Network) -> Option<Step> {
+        if self.missing(network).is_some() || network.is_concluded(self) {
+            return None;
+        }
+        match self {
+            Stage::Detect => detect::next(network),
+            Stage::FirstPair => (network.oriented_images().count() < 2).then_some(Step::FirstPair),
+            Stage::Connect => connect::next(network).map(Step::Connect),
+            Stage::AdjustCodes => {
+                adjust::is_outdated(network, Stage::AdjustCodes).then_some(Step::AdjustCodes)
+            }
+            Stage::Identify => identify::is_unfinished(network).then_some(Step::Identify),
+            Stage::Adjust => adjust::is_outdated(network, Stage::Adjust).then_some(Step::Adjust),
+        }
+    }
+
+    /// Closes a stage that has no next step: findings on what was left out, and the conclusion.
+    ///
+    /// `failure` is the reason of a step that could not be done.
+    #[must_use]
+    pub fn conclude(self, network: &Network, failure: Option<&StageError>) -> Network {
+        let mut network = network.clone();
+        let findings = match self {
+            Stage::Detect => detect::findings(&network),
+            Stage::Connect => connect::findings(&network),
+            Stage::AdjustCodes | Stage::Adjust => adjust::findings(&network, self),
+            Stage::FirstPair | Stage::Identify => Vec::new(),
+        };
+        let left_out = findings
+            .iter()
+            .any(|f| matches!(f.kind, FindingKind::UnreadableImage | FindingKind::UnconnectedImage));
+        for finding in findings {
+            network.note(finding);
+        }
+        let outcome = match failure {
+            Some(error) => {
+                network.note(Finding {
+                    stage: self,
+                    kind: FindingKind::StageFailed,
+                    about: About::Project,
+                    text: error.to_string(),
+                });
+                Outcome::Failed
+            }
+            None if self.missing(&network).is_some() => Outcome::Failed,
+            None if left_out => Outcome::Incomplete,
+            None => Outcome::Done,
+        };
+        network.conclusions.insert(self, Conclusion { basis: network.inputs, outcome });
+        network
+    }
+}
+
+impl Step {
+    /// The stage that this step belongs to.
+    #[must_use]
+    pub fn stage(&self) -> Stage {
+        match self {
+            Step::Detect(_) => Stage::Detect,
+            Step::FirstPair => Stage::FirstPair,
+            Step::Connect(_) => Stage::Connect,
+            Step::AdjustCodes => Stage::AdjustCodes,
+            Step::Identify => Stage::Identify,
+            Step::Adjust => Stage::Adjust,
+        }
+    }
+
+    /// What the step does, as an entry of the history.
+    #[must_use]
+    pub fn title(&self, network: &Network) -> String {
+        match self {
+            Step::Detect(images) => format!("detect targets in {} images", images.len()),
+            Step::FirstPair => "orient the first pair".into(),
+            Step::Connect(id) => match network.images.get(id) {
+                Some(image) => format!("connect {}", image.file.path),
+                None => "connect an image".into(),
+            },
+            Step::AdjustCodes => "adjust the codes".into(),
+            Step::Identify => "identify plain targets".into(),
+            Step::Adjust => "adjust everything".into(),
+        }
+    }
+
+    /// Does the step.
+    ///
+    /// # Errors
+    /// [`Halt::Interrupted`] when the monitor says so, [`Halt::Failed`] when it cannot be done.
+    pub fn run(
+        &self,
+        network: &Network,
+        pictures: &dyn Pictures,
+        monitor: &Monitor,
+    ) -> Result<Advance, Halt> {
+        let mut network = network.clone();
+        match self {
+            Step::Detect(images) => return detect::run(network, images, pictures, monitor),
+            Step::FirstPair => first_pair::run(&mut network, monitor)?,
+            Step::Connect(id) => connect::run(&mut network, *id, monitor)?,
+            Step::AdjustCodes => adjust::run(&mut network, Stage::AdjustCodes, monitor)?,
+            Step::Identify => identify::run(&mut network, monitor)?,
+            Step::Adjust => adjust::run(&mut network, Stage::Adjust, monitor)?,
+        }
+        Ok(Advance::complete(network))
+    }
+}

@@ -1,0 +1,263 @@
+//! Resection of an image from known points, and intersection of new points from oriented images.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use nalgebra::{Vector2, Vector3};
+
+use crate::camera::Camera;
+use crate::geometry::{Pose, Ray, intersect_rays};
+use crate::network::{CodeDot, ImageId, Network, Point, PointId};
+use crate::orientation::consensus::{ConsensusSettings, resect_by_consensus};
+use crate::orientation::refine::{Loss, PoseObservation, RefineSettings, refine_pose};
+use crate::orientation::similarity::{CodeView, resect_by_similarity};
+use crate::targets::{DotIndex, Family};
+
+/// How near a point must be imaged to its predicted place to agree with a pose, px; the next one is tried when too few
+/// points agree: a nominal lens is off by tens of pixels in the corners.
+const TOLERANCES_PX: [f64; 4] = [2.0, 5.0, 12.0, 25.0];
+
+/// Share of the known points that must agree with a pose.
+const SHARE_TO_AGREE: f64 = 0.6;
+
+/// Images after which the lens is known well enough for the tighter limits below.
+const IMAGES_TO_TRUST_LENS: usize = 6;
+
+/// A code whose dots miss their predicted places by more is a wrong reading, px: with a nominal lens, and with a
+/// calibrated one.
+const MISFIT_PX: [f64; 2] = [60.0, 10.0];
+
+/// Rays of a new point meet within this, px: with a nominal lens, and with a calibrated one.
+const MEETING_PX: [f64; 2] = [25.0, 3.0];
+
+/// Least angle between the rays of a new point, radians (3 degrees): flatter ones tell no depth.
+const LEAST_ANGLE: f64 = 0.05;
+
+/// Side of a `dot420` code in pitches.
+const SIDE_PITCHES: f64 = 6.0;
+
+/// A labelled dot whose point has coordinates.
+#[derive(Clone, Debug)]
+pub(super) struct KnownRay {
+    pub(super) point: PointId,
+    pub(super) observation: PoseObservation,
+}
+
+/// The pose of an image.
+#[derive(Clone, Debug)]
+pub(super) struct FoundPose {
+    pub(super) pose: Pose,
+    /// Places (among the known rays) of dots that miss it by far.
+    pub(super) misfits: Vec<usize>,
+}
+
+fn lens_limit(network: &Network, limits: [f64; 2]) -> f64 {
+    let known = network.connection_order.len() >= IMAGES_TO_TRUST_LENS;
+    limits[usize::from(known)]
+}
+
+/// The labelled dots of an image whose points have coordinates.
+pub(super) fn known_rays(network: &Network, id: ImageId) -> Vec<KnownRay> {
+    let image = &network.images[&id];
+    let Some(detections) = &image.detections else { return Vec::new() };
+    image
+        .used_labels()
+        .filter_map(|(dot, label)| {
+            let point = network.points.get(&label.point)?.position;
+            let measured = &detections.dots[dot.slot()];
+            let observation =
+                PoseObservation { pixel: measured.centre_px, point, sigma_px: measured.sigma_px };
+            Some(KnownRay { point: label.point, observation })
+        })
+        .collect()
+}
+
+/// Orients an image: by the closed-form similarity transformation where it shows three known `dot420` codes, else by
+/// three points in sample consensus; both refined by collinearity.
+///
+/// # Errors
+/// The reason in the operator's words.
+pub(super) fn resect(network: &Network, id: ImageId, rays: &[KnownRay]) -> Result<FoundPose, String> {
+    let camera = &network.camera_of(&network.images[&id]).camera;
+    let observations: Vec<PoseObservation> = rays.iter().map(|ray| ray.observation).collect();
+    let needed = ((SHARE_TO_AGREE * rays.len() as f64).ceil() as usize).max(4);
+    let start = similarity_start(network, camera, rays);
+    let mut reason = String::new();
+    for tolerance_px in TOLERANCES_PX {
+        let refined = start.and_then(|pose| refine_within(camera, &observations, &pose, tolerance_px));
+        let pose = match refined.filter(|found| found.agreeing >= needed) {
+            Some(found) => found.pose,
+            None => match by_consensus(network, camera, &observations, tolerance_px, needed) {
+                Ok(pose) => pose,
+                Err(why) => {
+                    reason = why;
+                    continue;
+                }
+            },
+        };
+        let limit = lens_limit(network, MISFIT_PX).max(3.0 * tolerance_px);
+        let misfits = (0..rays.len())
+            .filter(|&index| residual_px(camera, &pose, &observations[index]).is_none_or(|r| r > limit))
+            .collect();
+        return Ok(FoundPose { pose, misfits });
+    }
+    Err(reason)
+}
+
+fn by_consensus(
+    network: &Network,
+    camera: &Camera,
+    observations: &[PoseObservation],
+    tolerance_px: f64,
+    needed: usize,
+) -> Result<Pose, String> {
+    let settings = ConsensusSettings {
+        tolerance_px,
+        least_inliers: needed,
+        seed: network.settings.seed,
+        ..ConsensusSettings::default()
+    };
+    let found = resect_by_consensus(camera, observations, &settings).map_err(|e| e.to_string())?;
+    if let Some(other) = &found.alternative
+        && other.inliers >= found.inlier_count
+        && other.rms_px < 2.0 * found.rms_px
+    {
+        return Err(format!(
+            "two poses fit its {} known points equally well ({:.2} px and {:.2} px)",
+            observations.len(),
+            found.rms_px,
+            other.rms_px
+        ));
+    }
+    Ok(refine_within(camera, observations, &found.pose, tolerance_px).map_or(found.pose, |refined| refined.pose))
+}
+
+struct RefinedWithin {
+    pose: Pose,
+    agreeing: usize,
+}
+
+/// The robustly refined pose and how many points agree with it.
+fn refine_within(
+    camera: &Camera,
+    observations: &[PoseObservation],
+    start: &Pose,
+    tolerance_px: f64,
+) -> Option<RefinedWithin> {
+    // All dots count alike: what separates them from their places is the lens, not their own noise.
+    let alike: Vec<PoseObservation> =
+        observations.iter().map(|o| PoseObservation { sigma_px: tolerance_px / 3.0, ..*o }).collect();
+    let settings = RefineSettings { loss: Loss::Huber(1.5), ..RefineSettings::default() };
+    let pose = refine_pose(camera, &alike, start, &settings).ok()?.pose;
+    let agreeing = observations
+        .iter()
+        .filter(|o| residual_px(camera, &pose, o).is_some_and(|r| r < tolerance_px))
+        .count();
+    Some(RefinedWithin { pose, agreeing })
+}
+
+fn residual_px(camera: &Camera, pose: &Pose, observation: &PoseObservation) -> Option<f64> {
+    let predicted = camera.project(&pose.camera_from_point(&observation.point))?;
+    Some((predicted - observation.pixel).norm())
+}
+
+/// The pose by equations 1-12 of the paper from all codes whose O, A, B are known; `None` with fewer than three.
+fn similarity_start(network: &Network, camera: &Camera, rays: &[KnownRay]) -> Option<Pose> {
+    let ideal: BTreeMap<PointId, Vector2<f64>> =
+        rays.iter().map(|ray| (ray.point, camera.ideal_from_pixel(&ray.observation.pixel))).collect();
+    let side_of = |code: u32| {
+        let place = |dot| {
+            let id = PointId::Code { family: Family::Dot420, code, dot };
+            network.points.get(&id).map(|p| p.position)
+        };
+        Some((place(CodeDot::A)? - place(CodeDot::O)?).norm())
+    };
+    let mut views = Vec::new();
+    let mut sides = Vec::new();
+    for ray in rays {
+        let PointId::Code { family: Family::Dot420, code, dot: CodeDot::O } = ray.point else { continue };
+        let image_of = |dot| ideal.get(&PointId::Code { family: Family::Dot420, code, dot }).copied();
+        if let (Some(o), Some(a), Some(b)) = (image_of(CodeDot::O), image_of(CodeDot::A), image_of(CodeDot::B)) {
+            views.push(CodeView { o, a, b, object: ray.observation.point });
+            sides.extend(side_of(code));
+        }
+    }
+    // The network's unit may not be the millimetre yet: its own codes tell how long a side is in it.
+    let pitch = network.settings.targets.of(Family::Dot420).pitch_mm;
+    sides.sort_by(f64::total_cmp);
+    let side = sides.get(sides.len() / 2).copied().unwrap_or(SIDE_PITCHES * pitch);
+    resect_by_similarity(&views, side, camera.interior.principal_distance).ok().map(|found| found.pose)
+}
+
+/// Gives coordinates to the points that two or more oriented images show and that have none.
+///
+/// Cost: new points times the squared number of their rays.
+pub(super) fn intersect_new_points(network: &mut Network) {
+    let mut sights: BTreeMap<PointId, Vec<Sight>> = BTreeMap::new();
+    for (_, image, station) in network.oriented_images() {
+        let Some(detections) = &image.detections else { continue };
+        let camera = &network.camera_of(image).camera;
+        for (dot, label) in image.used_labels() {
+            if !network.points.contains_key(&label.point) {
+                sights.entry(label.point).or_default().push(Sight::of(
+                    camera,
+                    &station.pose,
+                    &detections.dots[DotIndex::slot(dot)].centre_px,
+                ));
+            }
+        }
+    }
+    let limit_px = lens_limit(network, MEETING_PX);
+    let points = Arc::make_mut(&mut network.points);
+    for (id, sights) in &sights {
+        if let Some(position) = meet(sights, limit_px) {
+            let point = Point { position, covariance: None, rays: sights.len() as u32 };
+            points.insert(*id, Arc::new(point));
+        }
+    }
+}
+
+/// A ray with how far from it, in pixels, a point may lie.
+struct Sight {
+    ray: Ray,
+    /// Pixels per radian at the ray.
+    px_per_radian: f64,
+}
+
+impl Sight {
+    fn of(camera: &Camera, pose: &Pose, pixel: &Vector2<f64>) -> Self {
+        let direction = camera.ray(pixel);
+        Self {
+            ray: Ray::new(pose.centre_in_world, &pose.world_from_direction(&direction)),
+            px_per_radian: direction.norm() / camera.pixel_pitch_mm,
+        }
+    }
+
+    /// How far a point is imaged from the ray, px; infinite behind the camera.
+    fn miss_px(&self, point: &Vector3<f64>) -> f64 {
+        let range = self.ray.range(point);
+        if range > 0.0 { self.ray.distance(point) / range * self.px_per_radian } else { f64::INFINITY }
+    }
+}
+
+/// The intersection that most rays agree on: more than half of them, at least two, not nearly parallel.
+fn meet(sights: &[Sight], limit_px: f64) -> Option<Vector3<f64>> {
+    let mut best: Option<(usize, Vec<Ray>)> = None;
+    for (index, first) in sights.iter().enumerate() {
+        for second in &sights[index + 1..] {
+            let angle = first.ray.angle(&second.ray);
+            if !(LEAST_ANGLE..=std::f64::consts::PI - LEAST_ANGLE).contains(&angle) {
+                continue;
+            }
+            let Ok(pair) = intersect_rays(&[first.ray, second.ray]) else { continue };
+            let agreeing: Vec<Ray> =
+                sights.iter().filter(|s| s.miss_px(&pair.point) < limit_px).map(|s| s.ray).collect();
+            let both = first.miss_px(&pair.point).max(second.miss_px(&pair.point)) < limit_px;
+            if both && best.as_ref().is_none_or(|(count, _)| agreeing.len() > *count) {
+                best = Some((agreeing.len(), agreeing));
+            }
+        }
+    }
+    let (count, rays) = best?;
+    (2 * count > sights.len()).then(|| intersect_rays(&rays).ok()).flatten().map(|found| found.point)
+}
