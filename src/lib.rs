@@ -1,5 +1,6 @@
 //! Tiepoint: vision metrology from photographs of coded and plain targets.
 
+pub mod adjustment;
 pub mod camera;
 pub mod geometry;
 pub mod monitor;

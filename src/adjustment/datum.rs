@@ -1,0 +1,233 @@
+//! The freedom of the network and how the datum takes it: true null vectors, the S-transformation, the finite move.
+
+use nalgebra::{DMatrix, DVector, Matrix4, Rotation3, SMatrix, Vector3};
+
+use super::equations::State;
+use super::error::DatumMotion;
+use super::layout::{Layout, PointRole};
+use super::{AdjustmentError, BundleProblem, Datum};
+use crate::geometry::{Similarity, skew};
+
+/// Known directions (of unit length) whose squared share in a motion is below this do not hinder it: control within
+/// 1e-5 of a line does not fix the turn about that line.
+const HINDERED: f64 = 1e-10;
+
+/// Datum points whose normalised constraint matrix has an eigenvalue below this lie on a line (within some 1e-5).
+const FLAT: f64 = 1e-10;
+
+/// The motions of the whole network that no observation notices: `dX = t + (r x (X - c) + s (X - c)) / L`.
+pub(super) struct FreeMotions {
+    centre: Vector3<f64>,
+    length: f64,
+    /// 7 x d: each column is one free motion (t, r, s), orthonormal.
+    basis: DMatrix<f64>,
+}
+
+impl FreeMotions {
+    /// Images are blind to all seven; each known coordinate and distance hinders one combination.
+    pub(super) fn of(problem: &BundleProblem, layout: &Layout, state: &State) -> Self {
+        let (centre, length) = extent(layout, state);
+        let mut free = Self {
+            centre,
+            length,
+            basis: DMatrix::identity(7, 7),
+        };
+        let mut hindered = SMatrix::<f64, 7, 7>::zeros();
+        let mut hinder = |row: SMatrix<f64, 1, 7>| {
+            let norm = row.norm();
+            if norm > 0.0 {
+                hindered += row.transpose() * row / (norm * norm);
+            }
+        };
+        for frame in &layout.frames {
+            let rows = free.candidates(&state.points[frame.point]);
+            for axis in 0..3 {
+                if problem.points[frame.point].prior[axis].is_some() {
+                    hinder(rows.row(axis).into_owned());
+                }
+            }
+        }
+        if layout.distance_used.contains(&true) {
+            // Only the scale changes a distance.
+            let mut scale = SMatrix::<f64, 1, 7>::zeros();
+            scale[6] = 1.0;
+            hinder(scale);
+        }
+        let eigen = hindered.symmetric_eigen();
+        let null: Vec<usize> = (0..7)
+            .filter(|&k| eigen.eigenvalues[k].abs() < HINDERED)
+            .collect();
+        free.basis = DMatrix::from_fn(7, null.len(), |i, k| eigen.eigenvectors[(i, null[k])]);
+        free
+    }
+
+    /// The rank defect of the network's datum.
+    pub(super) fn defect(&self) -> usize {
+        self.basis.ncols()
+    }
+
+    /// Whether the chosen datum takes exactly this freedom.
+    pub(super) fn check(
+        &self,
+        problem: &BundleProblem,
+        layout: &Layout,
+        state: &State,
+    ) -> Result<(), AdjustmentError> {
+        let defect = self.defect();
+        if defect == 0 {
+            return Ok(());
+        }
+        if problem.datum == Datum::Control {
+            let motions = (0..7)
+                .filter(|&i| self.basis.row(i).norm() > 1e-3)
+                .map(|i| DatumMotion::ALL[i])
+                .collect();
+            return Err(AdjustmentError::DatumDefect { defect, motions });
+        }
+        self.constraint_inverse(layout, state).map(|_| ())
+    }
+
+    fn candidates(&self, point: &Vector3<f64>) -> SMatrix<f64, 3, 7> {
+        let x = (point - self.centre) / self.length;
+        let mut rows = SMatrix::<f64, 3, 7>::zeros();
+        rows.fixed_columns_mut::<3>(0).fill_with_identity();
+        rows.fixed_columns_mut::<3>(3).copy_from(&-skew(&x));
+        rows.fixed_columns_mut::<1>(6).copy_from(&x);
+        rows
+    }
+
+    /// Rows of `G` of a point, 3 x d.
+    pub(super) fn point_rows(&self, point: &Vector3<f64>) -> DMatrix<f64> {
+        let rows = self.candidates(point) * &self.basis;
+        DMatrix::from_column_slice(3, self.defect(), rows.as_slice())
+    }
+
+    /// Rows of `G` of all unknowns of the reduced system.
+    pub(super) fn kept_rows(&self, layout: &Layout, state: &State) -> DMatrix<f64> {
+        let mut rows = DMatrix::zeros(layout.kept, self.defect());
+        for (s, pose) in state.poses.iter().enumerate() {
+            // Turning the world by r turns the camera the other way: M exp(-[r]) = exp([-M r]) M.
+            let mut candidates = SMatrix::<f64, 6, 7>::zeros();
+            candidates
+                .fixed_view_mut::<3, 3>(0, 3)
+                .copy_from(&(-pose.camera_from_world.matrix() / self.length));
+            candidates
+                .fixed_rows_mut::<3>(3)
+                .copy_from(&self.candidates(&pose.centre_in_world));
+            rows.rows_mut(6 * s, 6)
+                .copy_from(&(candidates * &self.basis));
+        }
+        for (point, role) in layout.roles.iter().enumerate() {
+            if let PointRole::Kept { start } = role {
+                rows.rows_mut(*start, 3)
+                    .copy_from(&self.point_rows(&state.points[point]));
+            }
+        }
+        rows
+    }
+
+    /// `(G^T E G)^-1` over the datum points.
+    fn constraint_inverse(
+        &self,
+        layout: &Layout,
+        state: &State,
+    ) -> Result<DMatrix<f64>, AdjustmentError> {
+        let mut sum = DMatrix::zeros(self.defect(), self.defect());
+        for &p in &layout.datum_points {
+            let rows = self.point_rows(&state.points[p]);
+            sum += rows.transpose() * rows;
+        }
+        let eigen = sum.clone().symmetric_eigen();
+        let failure = AdjustmentError::DatumPoints {
+            found: layout.datum_points.len(),
+            defect: self.defect(),
+        };
+        if eigen.eigenvalues.min() <= FLAT * eigen.eigenvalues.max() {
+            return Err(failure);
+        }
+        sum.try_inverse().ok_or(failure)
+    }
+
+    /// `H = (G^T E G)^-1 G^T E` by datum point, each d x 3: the S-transformation is `I - G H` (Baarda, 1973).
+    pub(super) fn s_transformation(
+        &self,
+        layout: &Layout,
+        state: &State,
+    ) -> Result<Vec<DMatrix<f64>>, AdjustmentError> {
+        let inverse = self.constraint_inverse(layout, state)?;
+        Ok(layout
+            .datum_points
+            .iter()
+            .map(|&p| &inverse * self.point_rows(&state.points[p]).transpose())
+            .collect())
+    }
+
+    /// The finite similarity of a combination of free motions (the exponential of its generator, so that it stays
+    /// within what the observations do not notice).
+    fn similarity(&self, amount: &DVector<f64>) -> Similarity {
+        let motion = &self.basis * amount;
+        let turn = Vector3::new(motion[3], motion[4], motion[5]) / self.length;
+        let linear = skew(&turn) + nalgebra::Matrix3::identity() * (motion[6] / self.length);
+        let shift = Vector3::new(motion[0], motion[1], motion[2]) - linear * self.centre;
+        let mut generator = Matrix4::zeros();
+        generator.fixed_view_mut::<3, 3>(0, 0).copy_from(&linear);
+        generator.fixed_view_mut::<3, 1>(0, 3).copy_from(&shift);
+        let finite = generator.exp();
+        Similarity {
+            scale: (motion[6] / self.length).exp(),
+            rotation: Rotation3::new(turn),
+            translation: finite.fixed_view::<3, 1>(0, 3).into_owned(),
+        }
+    }
+}
+
+/// Moves the estimates by a finite similarity so that the datum points are neither shifted nor turned nor (if it is
+/// free) scaled against `reference`, in the mean. The linear `S` would bend the network at second order.
+pub(super) fn move_onto_datum(
+    problem: &BundleProblem,
+    layout: &Layout,
+    state: &mut State,
+    reference: &[Vector3<f64>],
+) -> Result<(), AdjustmentError> {
+    /// Iterations of the fit; each gains several digits.
+    const ITERATIONS: usize = 50;
+    /// The fit ends when its last move was below this part of the network's size: rounding.
+    const NEGLIGIBLE: f64 = 1e-14;
+    for _ in 0..ITERATIONS {
+        let free = FreeMotions::of(problem, layout, state);
+        if free.defect() == 0 || problem.datum == Datum::Control {
+            return Ok(());
+        }
+        let h = free.s_transformation(layout, state)?;
+        let mut amount = DVector::zeros(free.defect());
+        for (h, &p) in h.iter().zip(&layout.datum_points) {
+            amount += h * (reference[p] - state.points[p]);
+        }
+        apply(&free.similarity(&amount), state);
+        if amount.norm() < NEGLIGIBLE * free.length {
+            return Ok(());
+        }
+    }
+    Ok(())
+}
+
+fn apply(similarity: &Similarity, state: &mut State) {
+    for point in &mut state.points {
+        *point = similarity.apply(point);
+    }
+    for pose in &mut state.poses {
+        pose.centre_in_world = similarity.apply(&pose.centre_in_world);
+        pose.camera_from_world *= similarity.rotation.inverse();
+        *pose = pose.moved(&Vector3::zeros(), &Vector3::zeros());
+    }
+}
+
+/// Centre and rms radius of the points that take part.
+fn extent(layout: &Layout, state: &State) -> (Vector3<f64>, f64) {
+    let n = layout.frames.len().max(1) as f64;
+    let points = || layout.frames.iter().map(|f| state.points[f.point]);
+    let centre = points().sum::<Vector3<f64>>() / n;
+    let square: f64 = points().map(|p| (p - centre).norm_squared()).sum();
+    let length = (square / n).sqrt();
+    (centre, if length > 0.0 { length } else { 1.0 })
+}

@@ -1,0 +1,238 @@
+//! Observation equations: residual = computed - measured, with derivatives.
+
+use nalgebra::{Matrix3, RowVector3, SMatrix, Vector2, Vector3};
+use rayon::prelude::*;
+
+use super::layout::Layout;
+use super::{Adjustment, BundleProblem, PointShape};
+use crate::camera::Camera;
+use crate::geometry::{Pose, skew};
+
+/// The values of all unknowns (and of what is kept fixed).
+#[derive(Clone, Debug)]
+pub(super) struct State {
+    pub(super) cameras: Vec<Camera>,
+    pub(super) poses: Vec<Pose>,
+    pub(super) points: Vec<Vector3<f64>>,
+}
+
+impl State {
+    pub(super) fn start(problem: &BundleProblem) -> Self {
+        Self {
+            cameras: problem.cameras.iter().map(|c| c.camera.clone()).collect(),
+            poses: problem.stations.iter().map(|s| s.pose).collect(),
+            points: problem.points.iter().map(|p| p.position).collect(),
+        }
+    }
+
+    pub(super) fn of(adjustment: &Adjustment) -> Self {
+        Self {
+            cameras: adjustment
+                .cameras
+                .iter()
+                .map(|c| c.camera.clone())
+                .collect(),
+            poses: adjustment.stations.iter().map(|s| s.pose).collect(),
+            points: adjustment.points.iter().map(|p| p.position).collect(),
+        }
+    }
+}
+
+/// An image observation at the present state, in px: `v` and its derivatives by the station's turn (camera frame, rad)
+/// and centre (mm), by the camera's ten parameters, by the point (mm).
+#[derive(Clone, Copy, Debug)]
+pub(super) struct RayEquation {
+    pub(super) residual: Vector2<f64>,
+    pub(super) by_station: SMatrix<f64, 2, 6>,
+    pub(super) by_camera: SMatrix<f64, 2, 10>,
+    pub(super) by_point: SMatrix<f64, 2, 3>,
+}
+
+/// `None` where the camera does not image the point.
+pub(super) fn ray_equation(
+    camera: &Camera,
+    pose: &Pose,
+    point: &Vector3<f64>,
+    shape: PointShape,
+    pixel: &Vector2<f64>,
+) -> Option<RayEquation> {
+    let PointShape::Place = shape;
+    let in_camera = pose.camera_from_point(point);
+    let projection = camera.project_with_jacobians(&in_camera)?;
+    // k = M (X - X0) and exp([w]) k = k + w x k, so dk/dw = -[k]x, dk/dX0 = -M, dk/dX = M.
+    let m: &Matrix3<f64> = pose.camera_from_world.matrix();
+    let by_point = projection.by_point * m;
+    let mut by_station = SMatrix::<f64, 2, 6>::zeros();
+    by_station
+        .fixed_columns_mut::<3>(0)
+        .copy_from(&(-projection.by_point * skew(&in_camera)));
+    by_station.fixed_columns_mut::<3>(3).copy_from(&-by_point);
+    Some(RayEquation {
+        residual: projection.pixel - pixel,
+        by_station,
+        by_camera: projection.by_interior,
+        by_point,
+    })
+}
+
+/// The residual alone.
+pub(super) fn ray_residual(
+    camera: &Camera,
+    pose: &Pose,
+    point: &Vector3<f64>,
+    shape: PointShape,
+    pixel: &Vector2<f64>,
+) -> Option<Vector2<f64>> {
+    let PointShape::Place = shape;
+    Some(camera.project(&pose.camera_from_point(point))? - pixel)
+}
+
+/// A distance at the present state: residual (mm) and derivative by the far end; that by the near end is its negative.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct DistanceEquation {
+    pub(super) residual: f64,
+    pub(super) by_to: RowVector3<f64>,
+}
+
+pub(super) fn distance_equation(
+    from: &Vector3<f64>,
+    to: &Vector3<f64>,
+    length_mm: f64,
+) -> DistanceEquation {
+    let difference = to - from;
+    let length = difference.norm();
+    DistanceEquation {
+        residual: length - length_mm,
+        by_to: if length > 0.0 {
+            (difference / length).transpose()
+        } else {
+            RowVector3::zeros()
+        },
+    }
+}
+
+/// All equations at one state, by index of the observation; `None` for what is not imaged or does not take part.
+pub(super) struct Equations {
+    pub(super) rays: Vec<Option<RayEquation>>,
+    pub(super) distances: Vec<Option<DistanceEquation>>,
+}
+
+impl Equations {
+    pub(super) fn at(problem: &BundleProblem, layout: &Layout, state: &State) -> Self {
+        let rays = problem
+            .observations
+            .par_iter()
+            .with_min_len(64)
+            .map(|o| {
+                let station = &problem.stations[o.station];
+                layout.takes_part(o.point).then(|| {
+                    ray_equation(
+                        &state.cameras[station.camera],
+                        &state.poses[o.station],
+                        &state.points[o.point],
+                        problem.points[o.point].shape,
+                        &o.pixel,
+                    )
+                })?
+            })
+            .collect();
+        let distances = problem
+            .distances
+            .iter()
+            .enumerate()
+            .map(|(i, d)| {
+                layout.distance_used[i].then(|| {
+                    distance_equation(&state.points[d.from], &state.points[d.to], d.length_mm)
+                })
+            })
+            .collect();
+        Self { rays, distances }
+    }
+}
+
+/// Image residuals (px) at a state, by index of the observation.
+pub(super) fn image_residuals(
+    problem: &BundleProblem,
+    layout: &Layout,
+    state: &State,
+) -> Vec<Option<Vector2<f64>>> {
+    problem
+        .observations
+        .par_iter()
+        .with_min_len(64)
+        .map(|o| {
+            let station = &problem.stations[o.station];
+            layout.takes_part(o.point).then(|| {
+                ray_residual(
+                    &state.cameras[station.camera],
+                    &state.poses[o.station],
+                    &state.points[o.point],
+                    problem.points[o.point].shape,
+                    &o.pixel,
+                )
+            })?
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::adjustment::simulation::lens_camera;
+    use nalgebra::SVector;
+    use proptest::prelude::*;
+
+    fn vector(range: f64) -> impl Strategy<Value = Vector3<f64>> {
+        prop::array::uniform3(-range..range).prop_map(Vector3::from)
+    }
+
+    proptest! {
+        #[test]
+        fn derivatives_of_a_ray_agree_with_differences(point in vector(150.0), aside in vector(300.0), roll in -3.0..3.0) {
+            let camera = lens_camera();
+            let pose = Pose::looking_at(Vector3::new(200.0, -300.0, 1000.0) + aside, Vector3::zeros(), Vector3::y(), roll);
+            let pixel = Vector2::new(1000.0, 900.0);
+            let at = |camera: &Camera, pose: &Pose, point: &Vector3<f64>| ray_residual(camera, pose, point, PointShape::Place, &pixel).unwrap();
+            let equation = ray_equation(&camera, &pose, &point, PointShape::Place, &pixel).unwrap();
+            prop_assert!((equation.residual - at(&camera, &pose, &point)).norm() < 1e-12);
+            for axis in 0..3 {
+                let step = |h: f64| { let mut s = Vector3::zeros(); s[axis] = h; s };
+                // Central differences: steps give some 0.1 px, curvature and rounding stay below 1e-6 of the largest derivative.
+                let (h, turn) = (1e-2, 1e-5);
+                let by_turn = (at(&camera, &pose.moved(&step(turn), &Vector3::zeros()), &point) - at(&camera, &pose.moved(&step(-turn), &Vector3::zeros()), &point)) / (2.0 * turn);
+                prop_assert!((by_turn - equation.by_station.column(axis)).norm() < 1e-6 * equation.by_station.norm());
+                let by_shift = (at(&camera, &pose.moved(&Vector3::zeros(), &step(h)), &point) - at(&camera, &pose.moved(&Vector3::zeros(), &step(-h)), &point)) / (2.0 * h);
+                prop_assert!((by_shift - equation.by_station.column(3 + axis)).norm() < 1e-6 * equation.by_point.norm());
+                let by_point = (at(&camera, &pose, &(point + step(h))) - at(&camera, &pose, &(point - step(h)))) / (2.0 * h);
+                prop_assert!((by_point - equation.by_point.column(axis)).norm() < 1e-6 * equation.by_point.norm());
+            }
+            for parameter in 0..10 {
+                let h = [1e-4, 1e-4, 1e-4, 1e-7, 1e-9, 1e-11, 1e-6, 1e-6, 1e-5, 1e-5][parameter];
+                let moved = |h: f64| {
+                    let mut step = SVector::<f64, 10>::zeros();
+                    step[parameter] = h;
+                    let mut camera = camera.clone();
+                    camera.interior = crate::camera::InteriorOrientation::from_vector(&(camera.interior.to_vector() + step));
+                    at(&camera, &pose, &point)
+                };
+                let column = equation.by_camera.column(parameter);
+                // Rounding: pixel coordinates of some 1000 px carry 1e-12 px.
+                prop_assert!(((moved(h) - moved(-h)) / (2.0 * h) - column).norm() < 1e-5 * (1.0 + column.norm()) + 2e-12 / h);
+            }
+        }
+
+        #[test]
+        fn derivatives_of_a_distance_agree_with_differences(from in vector(100.0), to in vector(100.0)) {
+            prop_assume!((to - from).norm() > 1.0);
+            let equation = distance_equation(&from, &to, 50.0);
+            let h = 1e-4;
+            for axis in 0..3 {
+                let mut step = Vector3::zeros();
+                step[axis] = h;
+                let by_to = (distance_equation(&from, &(to + step), 50.0).residual - distance_equation(&from, &(to - step), 50.0).residual) / (2.0 * h);
+                let by_from = (distance_equation(&(from + step), &to, 50.0).residual - distance_equation(&(from - step), &to, 50.0).residual) / (2.0 * h);
+                prop_assert!((by_to - equation.by_to[axis]).abs() < 1e-7 && (by_from + equation.by_to[axis]).abs() < 1e-7);
+            }
+        }
+    }
+}

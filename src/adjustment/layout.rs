@@ -1,0 +1,323 @@
+//! Which unknown stands where: stations, cameras and the ends of distances are kept in the reduced system, all other
+//! points are eliminated.
+
+use super::error::{ParameterName, ProblemPart, StationComponent};
+use super::{AdjustmentError, BundleProblem, ParameterState};
+
+/// The part a point takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum PointRole {
+    /// None: it has no used observation.
+    Absent,
+    /// Three unknowns that are eliminated.
+    Eliminated,
+    /// Three unknowns of the reduced system (an end of a distance), from this index on.
+    Kept { start: usize },
+}
+
+/// A ray of a point, with the places of its station's and its camera's unknowns in [`PointFrame::index`].
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Ray {
+    pub(super) observation: usize,
+    pub(super) station_at: usize,
+    pub(super) camera_at: usize,
+    pub(super) camera: usize,
+    pub(super) used: bool,
+}
+
+/// A point that takes part, with all kept unknowns that its rays touch.
+#[derive(Clone, Debug)]
+pub(super) struct PointFrame {
+    pub(super) point: usize,
+    /// Indices in the reduced system, rising.
+    pub(super) index: Vec<usize>,
+    pub(super) rays: Vec<Ray>,
+    /// Place of the point's own unknowns in `index`, for a kept point.
+    pub(super) own_at: Option<usize>,
+}
+
+/// The order of the unknowns.
+#[derive(Clone, Debug)]
+pub(super) struct Layout {
+    /// Size of the reduced system: 6 a station, the estimated camera parameters, 3 a kept point.
+    pub(super) kept: usize,
+    pub(super) camera_start: Vec<usize>,
+    /// Per camera, the interior parameters that are estimated.
+    pub(super) camera_free: Vec<Vec<usize>>,
+    pub(super) roles: Vec<PointRole>,
+    pub(super) distance_used: Vec<bool>,
+    pub(super) frames: Vec<PointFrame>,
+    /// Observations that take part.
+    pub(super) used: Vec<bool>,
+    /// Points given by the datum that take part.
+    pub(super) datum_points: Vec<usize>,
+}
+
+impl Layout {
+    pub(super) fn new(problem: &BundleProblem) -> Result<Self, AdjustmentError> {
+        check_input(problem)?;
+        let used: Vec<bool> = (0..problem.observations.len())
+            .map(|i| !problem.rejected.contains(&i))
+            .collect();
+        let mut rays = vec![0usize; problem.points.len()];
+        for (o, _) in problem.observations.iter().zip(&used).filter(|u| *u.1) {
+            rays[o.point] += 1;
+        }
+        let present: Vec<bool> = (0..rays.len())
+            .map(|i| rays[i] > 0 || problem.points[i].known_coordinates() == 3)
+            .collect();
+        let distance_used: Vec<bool> = problem
+            .distances
+            .iter()
+            .map(|d| present[d.from] && present[d.to])
+            .collect();
+        check_determined(problem, &rays, &present, &distance_used, &used)?;
+
+        let mut kept = 6 * problem.stations.len();
+        let (mut camera_start, mut camera_free) = (Vec::new(), Vec::new());
+        for camera in &problem.cameras {
+            let free: Vec<usize> = (0..10)
+                .filter(|&p| camera.parameters[p] != ParameterState::Fixed)
+                .collect();
+            camera_start.push(kept);
+            kept += free.len();
+            camera_free.push(free);
+        }
+        let mut roles: Vec<PointRole> = present
+            .iter()
+            .map(|p| {
+                if *p {
+                    PointRole::Eliminated
+                } else {
+                    PointRole::Absent
+                }
+            })
+            .collect();
+        let ends = problem.distances.iter().zip(&distance_used);
+        for end in ends.filter(|d| *d.1).flat_map(|d| [d.0.from, d.0.to]) {
+            if roles[end] == PointRole::Eliminated {
+                roles[end] = PointRole::Kept { start: kept };
+                kept += 3;
+            }
+        }
+        let datum_points = match &problem.datum {
+            super::Datum::InnerConstraints { points } => {
+                let mut points: Vec<usize> =
+                    points.iter().copied().filter(|&p| present[p]).collect();
+                points.sort_unstable();
+                points.dedup();
+                points
+            }
+            super::Datum::Control => Vec::new(),
+        };
+        let mut layout = Self {
+            kept,
+            camera_start,
+            camera_free,
+            roles,
+            distance_used,
+            frames: Vec::new(),
+            used,
+            datum_points,
+        };
+        layout.frames = layout.point_frames(problem);
+        Ok(layout)
+    }
+
+    pub(super) fn takes_part(&self, point: usize) -> bool {
+        self.roles[point] != PointRole::Absent
+    }
+
+    /// All unknowns, eliminated points included.
+    pub(super) fn unknowns(&self) -> usize {
+        let eliminated = self
+            .roles
+            .iter()
+            .filter(|r| **r == PointRole::Eliminated)
+            .count();
+        self.kept + 3 * eliminated
+    }
+
+    /// The name of an unknown of the reduced system.
+    pub(super) fn name(&self, index: usize) -> ParameterName {
+        let first_camera = self.camera_start.first().copied().unwrap_or(self.kept);
+        if index < first_camera {
+            return ParameterName::Station {
+                index: index / 6,
+                component: StationComponent::ALL[index % 6],
+            };
+        }
+        for (camera, (start, free)) in self.camera_start.iter().zip(&self.camera_free).enumerate() {
+            if index < start + free.len() {
+                return ParameterName::Camera {
+                    index: camera,
+                    parameter: free[index - start],
+                };
+            }
+        }
+        let point = self.roles.iter().position(
+            |r| matches!(r, PointRole::Kept { start } if index < start + 3 && index >= *start),
+        );
+        ParameterName::Point {
+            index: point.unwrap_or(usize::MAX),
+        }
+    }
+
+    fn point_frames(&self, problem: &BundleProblem) -> Vec<PointFrame> {
+        let mut rays_of_points = vec![Vec::new(); problem.points.len()];
+        for (i, o) in problem.observations.iter().enumerate() {
+            rays_of_points[o.point].push(i);
+        }
+        (0..problem.points.len())
+            .filter(|&p| self.takes_part(p))
+            .map(|p| self.point_frame(problem, p, &rays_of_points[p]))
+            .collect()
+    }
+
+    fn point_frame(
+        &self,
+        problem: &BundleProblem,
+        point: usize,
+        observations: &[usize],
+    ) -> PointFrame {
+        let station_of = |o: &usize| problem.observations[*o].station;
+        let camera_of = |o: &usize| problem.stations[station_of(o)].camera;
+        let distinct = |mut list: Vec<usize>| {
+            list.sort_unstable();
+            list.dedup();
+            list
+        };
+        let stations = distinct(observations.iter().map(station_of).collect());
+        let cameras = distinct(observations.iter().map(camera_of).collect());
+        let mut index: Vec<usize> = stations.iter().flat_map(|s| 6 * s..6 * s + 6).collect();
+        let mut camera_at = Vec::new();
+        for &camera in &cameras {
+            camera_at.push(index.len());
+            let start = self.camera_start[camera];
+            index.extend(start..start + self.camera_free[camera].len());
+        }
+        let own_at = match self.roles[point] {
+            PointRole::Kept { start } => {
+                index.extend(start..start + 3);
+                Some(index.len() - 3)
+            }
+            _ => None,
+        };
+        let rays = observations
+            .iter()
+            .map(|o| Ray {
+                observation: *o,
+                station_at: 6 * stations.partition_point(|s| *s < station_of(o)),
+                camera_at: camera_at[cameras.partition_point(|c| *c < camera_of(o))],
+                camera: camera_of(o),
+                used: self.used[*o],
+            })
+            .collect();
+        PointFrame {
+            point,
+            index,
+            rays,
+            own_at,
+        }
+    }
+}
+
+fn check_input(problem: &BundleProblem) -> Result<(), AdjustmentError> {
+    let positive = |x: f64| x.is_finite() && x > 0.0;
+    let check = |part: ProblemPart, index: usize, valid: bool| {
+        if valid {
+            Ok(())
+        } else {
+            Err(AdjustmentError::InvalidInput { part, index })
+        }
+    };
+    for (i, c) in problem.cameras.iter().enumerate() {
+        let priors = c.parameters.iter().all(|p| match p {
+            ParameterState::Weighted { value, sigma } => value.is_finite() && positive(*sigma),
+            ParameterState::Fixed | ParameterState::Free => true,
+        });
+        let interior = c.camera.interior.to_vector();
+        let valid = interior.iter().all(|x| x.is_finite())
+            && positive(interior[0])
+            && positive(c.camera.pixel_pitch_mm);
+        check(ProblemPart::Camera, i, priors && valid)?;
+    }
+    for (i, s) in problem.stations.iter().enumerate() {
+        let pose = s.pose.centre_in_world.iter().all(|x| x.is_finite())
+            && s.pose
+                .camera_from_world
+                .matrix()
+                .iter()
+                .all(|x| x.is_finite());
+        check(
+            ProblemPart::Station,
+            i,
+            s.camera < problem.cameras.len() && pose,
+        )?;
+    }
+    for (i, p) in problem.points.iter().enumerate() {
+        let priors = p
+            .prior
+            .iter()
+            .flatten()
+            .all(|c| c.value.is_finite() && positive(c.sigma));
+        check(
+            ProblemPart::Point,
+            i,
+            priors && p.position.iter().all(|x| x.is_finite()),
+        )?;
+    }
+    for (i, o) in problem.observations.iter().enumerate() {
+        let indices = o.station < problem.stations.len() && o.point < problem.points.len();
+        let numbers = positive(o.sigma_px) && o.pixel.iter().all(|x| x.is_finite());
+        check(ProblemPart::Observation, i, indices && numbers)?;
+    }
+    for (i, d) in problem.distances.iter().enumerate() {
+        let indices =
+            d.from < problem.points.len() && d.to < problem.points.len() && d.from != d.to;
+        check(
+            ProblemPart::Distance,
+            i,
+            indices && positive(d.length_mm) && positive(d.sigma_mm),
+        )?;
+    }
+    if let super::Datum::InnerConstraints { points } = &problem.datum {
+        for (i, p) in points.iter().enumerate() {
+            check(ProblemPart::Datum, i, *p < problem.points.len())?;
+        }
+    }
+    Ok(())
+}
+
+fn check_determined(
+    problem: &BundleProblem,
+    rays: &[usize],
+    present: &[bool],
+    distance_used: &[bool],
+    used: &[bool],
+) -> Result<(), AdjustmentError> {
+    let mut equations: Vec<usize> = (0..rays.len())
+        .map(|i| 2 * rays[i] + problem.points[i].known_coordinates())
+        .collect();
+    for (d, _) in problem.distances.iter().zip(distance_used).filter(|d| *d.1) {
+        equations[d.from] += 1;
+        equations[d.to] += 1;
+    }
+    let points: Vec<usize> = (0..rays.len())
+        .filter(|&i| present[i] && equations[i] < 3)
+        .collect();
+    if !points.is_empty() {
+        return Err(AdjustmentError::PointsUnderdetermined { points });
+    }
+    let mut found = vec![0usize; problem.stations.len()];
+    for (o, _) in problem.observations.iter().zip(used).filter(|o| *o.1) {
+        found[o.station] += 1;
+    }
+    match found.iter().position(|&n| n < 3) {
+        Some(station) => Err(AdjustmentError::StationUnderdetermined {
+            station,
+            found: found[station],
+        }),
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,74 @@
+//! Bundle adjustment: least squares over pictures, points, distances and known values, with exact statistics.
+//!
+//! The observation equation of an image point is the collinearity condition in the *measured* image (Brown, 1971 with
+//! the corrections inverted): `pixel + v = project(M (X - X0); interior)`, so that residuals are what the measurement
+//! erred by. Distances (`|X_to - X_from|`), known coordinates and known camera parameters are weighted observations.
+//!
+//! - **Normal equations.** Points are eliminated 3 x 3 at a time (Brown, 1958), which leaves a dense system of six
+//!   unknowns a station, the camera parameters and the ends of distances; Cholesky factors it, scaled to unit diagonal.
+//! - **Iteration.** Gauss-Newton; damping after Levenberg (1944) and Marquardt (1963) only while the cost would rise,
+//!   and convergence is judged on an undamped step only: its size in units of the observations' sigmas. A rise of the
+//!   cost is never convergence.
+//! - **Datum.** Pictures alone leave seven motions of the network free, six when distances fix the scale, fewer with
+//!   known coordinates. `G` holds exactly the motions that no observation notices. The reduced system is made regular
+//!   by the kept rows of `G`, which changes no residual; afterwards the estimates are moved by a finite similarity and
+//!   the cofactors by the S-transformation `S = I - G (G^T E G)^-1 G^T E` (Baarda, 1973; Teunissen, 1985) to the
+//!   inner constraints of the datum points (Meissl, 1969; Fraser, 1982): exact, and as cheap as seven more solves.
+//! - **Reliability.** Redundancy numbers and normalised residuals after Baarda (1968); gross errors are found by
+//!   iterated data snooping with a robust start and restoration ([`adjust_with_rejection`]).
+//!
+//! Invariant: results do not depend on the number of threads. Chunks follow from the problem alone and sums run in
+//! their order.
+
+mod datum;
+mod equations;
+mod error;
+mod layout;
+mod normals;
+mod problem;
+mod rejection;
+mod result;
+mod solver;
+mod statistics;
+
+#[cfg(test)]
+mod simulation;
+#[cfg(test)]
+mod tests;
+
+pub use error::{AdjustmentError, DatumMotion, ParameterName, ProblemPart, StationComponent};
+pub use problem::{
+    BundleProblem, BundleSettings, CameraBlock, CoordinatePrior, Datum, DistanceObservation,
+    ImageObservation, ParameterState, PointBlock, PointShape, RobustStart, StationBlock,
+};
+pub use rejection::{
+    RejectedObservation, RejectionReason, RejectionSettings, RobustAdjustment,
+    adjust_with_rejection,
+};
+pub use result::{
+    AdjustedCamera, AdjustedPoint, AdjustedStation, Adjustment, DistanceStatistics,
+    ImageStatistics, ObservationStatus,
+};
+pub use solver::{BundleSolver, Iteration, Phase, Termination, TerminationKind};
+
+use crate::monitor::Monitor;
+
+/// Adjusts to convergence.
+///
+/// # Errors
+/// As [`BundleSolver`]; [`AdjustmentError::Interrupted`] between iterations.
+pub fn adjust(
+    problem: BundleProblem,
+    settings: BundleSettings,
+    monitor: &Monitor,
+) -> Result<Adjustment, AdjustmentError> {
+    let task = monitor.task("Adjusting", 0);
+    let mut solver = BundleSolver::new(problem, settings)?;
+    loop {
+        task.step()?;
+        if solver.iterate()?.termination.is_some() {
+            break;
+        }
+    }
+    solver.finish()
+}

@@ -1,0 +1,198 @@
+//! What goes into an adjustment: start values, observations, datum, settings.
+
+use std::collections::BTreeSet;
+
+use nalgebra::{Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::camera::Camera;
+use crate::geometry::Pose;
+
+/// What the adjustment may do with one parameter of interior orientation.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum ParameterState {
+    /// Keeps its start value; its variance is zero.
+    Fixed,
+    /// Estimated from the image observations alone.
+    Free,
+    /// Estimated, with a value known beforehand as one more observation.
+    Weighted {
+        /// The known value, in the parameter's unit.
+        value: f64,
+        /// Its standard deviation, > 0, in the parameter's unit.
+        sigma: f64,
+    },
+}
+
+/// A camera with the part its ten parameters take.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraBlock {
+    /// Sensor and start values of the interior orientation.
+    pub camera: Camera,
+    /// In the order of [`crate::camera::INTERIOR_NAMES`].
+    pub parameters: [ParameterState; 10],
+}
+
+/// One picture: its camera and the start value of its pose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StationBlock {
+    /// Index into [`BundleProblem::cameras`].
+    pub camera: usize,
+    /// Start value.
+    pub pose: Pose,
+}
+
+/// A coordinate that is known beforehand (weighted control).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CoordinatePrior {
+    /// The known coordinate, mm.
+    pub value: f64,
+    /// Its standard deviation, > 0, mm.
+    pub sigma: f64,
+}
+
+/// What of an object point is seen in the pictures.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub enum PointShape {
+    /// The place itself: the observation is the image of the point.
+    #[default]
+    Place,
+}
+
+/// An object point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PointBlock {
+    /// Start value, mm; with inner constraints also the place that the datum refers to.
+    pub position: Vector3<f64>,
+    /// Known coordinates x, y, z; `None` where unknown.
+    pub prior: [Option<CoordinatePrior>; 3],
+    /// What the pictures show of it.
+    pub shape: PointShape,
+}
+
+impl PointBlock {
+    /// A point of unknown coordinates, started at `position` (mm).
+    #[must_use]
+    pub fn unknown(position: Vector3<f64>) -> Self {
+        Self {
+            position,
+            prior: [None; 3],
+            shape: PointShape::Place,
+        }
+    }
+
+    /// A control point whose three coordinates are known to `sigma` (mm).
+    #[must_use]
+    pub fn control(position: Vector3<f64>, sigma: Vector3<f64>) -> Self {
+        let known = |axis: usize| {
+            Some(CoordinatePrior {
+                value: position[axis],
+                sigma: sigma[axis],
+            })
+        };
+        Self {
+            prior: [known(0), known(1), known(2)],
+            ..Self::unknown(position)
+        }
+    }
+
+    pub(super) fn known_coordinates(&self) -> usize {
+        self.prior.iter().flatten().count()
+    }
+}
+
+/// A measured image point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImageObservation {
+    /// Index into [`BundleProblem::stations`].
+    pub station: usize,
+    /// Index into [`BundleProblem::points`].
+    pub point: usize,
+    /// Measured pixel coordinates, y down.
+    pub pixel: Vector2<f64>,
+    /// A-priori standard deviation of either coordinate, > 0, px.
+    pub sigma_px: f64,
+}
+
+/// A measured distance between two object points, such as a scale bar.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DistanceObservation {
+    /// Index into [`BundleProblem::points`].
+    pub from: usize,
+    /// Index into [`BundleProblem::points`].
+    pub to: usize,
+    /// Measured length, mm.
+    pub length_mm: f64,
+    /// A-priori standard deviation, > 0, mm.
+    pub sigma_mm: f64,
+}
+
+/// What fixes position, attitude and scale of the network.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Datum {
+    /// Inner constraints over these points: against their start coordinates they are, in the mean, neither shifted nor
+    /// turned nor (where no distance or known coordinate fixes the scale) scaled, and the sum of their variances is
+    /// least. Points that do not take part in the adjustment are passed over.
+    InnerConstraints {
+        /// Indices into [`BundleProblem::points`].
+        points: Vec<usize>,
+    },
+    /// Known coordinates fix everything; a freedom they leave is an error.
+    Control,
+}
+
+/// Everything a bundle adjustment works on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BundleProblem {
+    /// The cameras.
+    pub cameras: Vec<CameraBlock>,
+    /// The pictures.
+    pub stations: Vec<StationBlock>,
+    /// The object points; one without any used observation and known coordinate does not take part.
+    pub points: Vec<PointBlock>,
+    /// The measured image points.
+    pub observations: Vec<ImageObservation>,
+    /// The measured distances; one with an end that does not take part is left out too.
+    pub distances: Vec<DistanceObservation>,
+    /// What fixes the frame.
+    pub datum: Datum,
+    /// Indices of image observations that take no part; their residuals are predicted only.
+    pub rejected: BTreeSet<usize>,
+}
+
+/// Whether gross errors are expected at the start.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum RobustStart {
+    /// Least squares from the first iteration on.
+    Off,
+    /// Weights after Huber (1964) in the first iterations, least squares after them.
+    Huber {
+        /// Residuals beyond this multiple of the robust scale (1.4826 median) get less weight; without unit.
+        threshold: f64,
+        /// At most so many iterations.
+        iterations: usize,
+    },
+}
+
+/// How the normal equations are iterated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BundleSettings {
+    /// Converged when an undamped step changes the computed observations by less than this, rms, in units of their
+    /// standard deviations. Default 1e-6: far below what any sigma prints, far above rounding (1e-10).
+    pub convergence: f64,
+    /// At most so many iterations; default 50 (good starts need 4 to 8).
+    pub iterations: usize,
+    /// Default off; [`super::RejectionSettings`] has its own.
+    pub robust_start: RobustStart,
+}
+
+impl Default for BundleSettings {
+    fn default() -> Self {
+        Self {
+            convergence: 1e-6,
+            iterations: 50,
+            robust_start: RobustStart::Off,
+        }
+    }
+}

@@ -1,0 +1,161 @@
+//! What comes out of an adjustment.
+
+use nalgebra::{Matrix3, Matrix6, SMatrix, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::Termination;
+use crate::camera::Camera;
+use crate::geometry::Pose;
+
+/// A camera with its estimated interior orientation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AdjustedCamera {
+    /// Sensor and interior orientation.
+    pub camera: Camera,
+    /// 10 x 10 in the order of [`crate::camera::INTERIOR_NAMES`], a-posteriori; zeros for fixed parameters. It does
+    /// not depend on the datum.
+    pub covariance: SMatrix<f64, 10, 10>,
+}
+
+/// A station with its estimated pose.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AdjustedStation {
+    /// Index of its camera.
+    pub camera: usize,
+    /// Pose.
+    pub pose: Pose,
+    /// 6 x 6, a-posteriori: turn in the camera frame (rad), projection centre (mm); see [`Pose::moved`].
+    pub covariance: Matrix6<f64>,
+}
+
+/// An object point with its estimated coordinates.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AdjustedPoint {
+    /// Coordinates, mm; for a point that did not take part its start value (moved with the datum).
+    pub position: Vector3<f64>,
+    /// 3 x 3, mm^2, a-posteriori; `None` for a point that did not take part.
+    pub covariance: Option<Matrix3<f64>>,
+    /// Used image observations.
+    pub rays: usize,
+}
+
+impl AdjustedPoint {
+    /// Standard deviations of x, y, z, mm, a-posteriori.
+    #[must_use]
+    pub fn sigma_mm(&self) -> Option<Vector3<f64>> {
+        Some(self.covariance?.diagonal().map(|v| v.max(0.0).sqrt()))
+    }
+}
+
+/// Whether an observation took part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum ObservationStatus {
+    /// It did.
+    Used,
+    /// It did not; its residual is that of a prediction.
+    Rejected,
+}
+
+/// Residual and reliability of an image observation.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ImageStatistics {
+    /// Whether it took part.
+    pub status: ObservationStatus,
+    /// Computed minus measured, px, y down; `None` where nothing can be computed (the point did not take part, or is
+    /// not imaged).
+    pub residual_px: Option<Vector2<f64>>,
+    /// Redundancy numbers `r = 1 - diag(A Q A^T P)` of x and y, 0 to 1; zeros for a rejected observation.
+    pub redundancy: Vector2<f64>,
+    /// Normalised residuals `w = v / (sigma sqrt(r))` with the a-priori sigma (Baarda, 1968); for a rejected
+    /// observation `v / (sigma sqrt(1 + diag(A Q A^T P)))`; 0 where nothing controls the coordinate.
+    pub normalised: Option<Vector2<f64>>,
+}
+
+impl ImageStatistics {
+    /// The larger `|w|` of x and y.
+    #[must_use]
+    pub fn test(&self) -> Option<f64> {
+        Some(self.normalised?.amax())
+    }
+}
+
+/// Residual and reliability of a distance.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DistanceStatistics {
+    /// Computed minus measured, mm.
+    pub residual_mm: f64,
+    /// Redundancy number, 0 to 1.
+    pub redundancy: f64,
+    /// `v / (sigma sqrt(r))`, a-priori sigma; 0 where nothing controls it.
+    pub normalised: f64,
+}
+
+/// A converged adjustment. All lists are in the order of the problem's.
+///
+/// **All covariances are a-posteriori**: cofactors times `sigma0^2`; divide by `sigma0^2` for a-priori ones. Normalised
+/// residuals use the a-priori sigmas; divided by `sigma0` they are Pope's (1976) tau.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Adjustment {
+    /// Cameras.
+    pub cameras: Vec<AdjustedCamera>,
+    /// Stations.
+    pub stations: Vec<AdjustedStation>,
+    /// Points.
+    pub points: Vec<AdjustedPoint>,
+    /// Image observations.
+    pub observations: Vec<ImageStatistics>,
+    /// Distances; `None` for one of which an end did not take part.
+    pub distances: Vec<Option<DistanceStatistics>>,
+    /// A-posteriori standard deviation of unit weight, without unit; 1 without redundancy.
+    pub sigma0: f64,
+    /// `sigma0` times the rms a-priori sigma of the used image observations, px.
+    pub sigma0_px: f64,
+    /// Rms residual per coordinate of the used image observations, px.
+    pub rms_px: f64,
+    /// Observed numbers: two an image point, one a distance, known coordinate and known camera parameter.
+    pub observation_count: usize,
+    /// Unknowns.
+    pub unknown_count: usize,
+    /// Motions of the network that the datum takes (conditions).
+    pub datum_defect: usize,
+    /// Observations - unknowns + datum defect.
+    pub redundancy: usize,
+    /// Iterations.
+    pub iterations: usize,
+    /// How they ended.
+    pub termination: Termination,
+}
+
+impl Adjustment {
+    /// Rms standard deviation of all station coordinates, mm, a-posteriori, in this adjustment's datum.
+    #[must_use]
+    pub fn sigma_station_mm(&self) -> f64 {
+        let variances: f64 = self
+            .stations
+            .iter()
+            .map(|s| s.covariance.fixed_view::<3, 3>(3, 3).trace())
+            .sum();
+        (variances / (3 * self.stations.len()).max(1) as f64).sqrt()
+    }
+
+    /// Correlations of a camera's parameters, -1 to 1; zeros in rows and columns of fixed ones.
+    #[must_use]
+    pub fn correlation(&self, camera: usize) -> SMatrix<f64, 10, 10> {
+        let q = &self.cameras[camera].covariance;
+        SMatrix::from_fn(|i, j| {
+            let product = q[(i, i)] * q[(j, j)];
+            if product > 0.0 {
+                q[(i, j)] / product.sqrt()
+            } else {
+                0.0
+            }
+        })
+    }
+
+    /// Residuals of an image observation in units of their a-posteriori standard deviation (Pope, 1976).
+    #[must_use]
+    pub fn standardised(&self, observation: usize) -> Option<Vector2<f64>> {
+        let normalised = self.observations.get(observation)?.normalised?;
+        (self.sigma0 > 0.0).then(|| normalised / self.sigma0)
+    }
+}

@@ -1,0 +1,176 @@
+//! Networks with known truth for the tests of this folder.
+
+use std::collections::BTreeSet;
+
+use nalgebra::Vector3;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::equations::State;
+use super::{
+    BundleProblem, CameraBlock, Datum, ImageObservation, ParameterState, PointBlock, StationBlock,
+};
+use crate::camera::{Camera, InteriorOrientation};
+use crate::geometry::Pose;
+
+pub(super) fn lens_camera() -> Camera {
+    Camera {
+        width_px: 3072,
+        height_px: 2048,
+        pixel_pitch_mm: 0.009,
+        interior: InteriorOrientation {
+            principal_distance: 20.0,
+            principal_point: [0.1, -0.05],
+            radial: [1.5e-4, -4e-7, 2e-10],
+            tangential: [1e-5, -2e-5],
+            affinity: [1e-4, -5e-5],
+        },
+    }
+}
+
+/// What to simulate.
+#[derive(Clone, Copy)]
+pub(super) struct Scene {
+    pub(super) stations: usize,
+    pub(super) points: usize,
+    /// Standard deviation of the simulated noise and of the observations, px.
+    pub(super) noise_px: f64,
+    /// Disturbance of the start values: mm, mrad and, times 1e-3, part of c.
+    pub(super) disturbance: f64,
+    pub(super) interior: ParameterState,
+    pub(super) seed: u64,
+}
+
+pub(super) struct Simulated {
+    pub(super) truth: State,
+    pub(super) problem: BundleProblem,
+}
+
+pub(super) struct Noise(ChaCha8Rng);
+
+impl Noise {
+    pub(super) fn seeded(seed: u64) -> Self {
+        Self(ChaCha8Rng::seed_from_u64(seed))
+    }
+
+    pub(super) fn uniform(&mut self) -> f64 {
+        self.0.random::<f64>()
+    }
+
+    /// Box and Muller (1958).
+    pub(super) fn normal(&mut self) -> f64 {
+        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
+        radius * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+
+    pub(super) fn vector(&mut self) -> Vector3<f64> {
+        Vector3::new(self.normal(), self.normal(), self.normal())
+    }
+}
+
+/// A box of 400 x 400 x 200 mm with points on five sides, seen from stations around and above it, rolled in turn.
+pub(super) fn box_network(scene: &Scene) -> Simulated {
+    let mut noise = Noise::seeded(scene.seed);
+    let points: Vec<Vector3<f64>> = (0..scene.points)
+        .map(|i| box_point(i, &mut noise))
+        .collect();
+    let poses: Vec<Pose> = (0..scene.stations)
+        .map(|i| {
+            let azimuth = std::f64::consts::TAU * i as f64 / scene.stations as f64;
+            let height = 500.0 + 500.0 * ((i * 7) % 5) as f64 / 5.0;
+            let centre = Vector3::new(900.0 * azimuth.cos(), 900.0 * azimuth.sin(), height);
+            let roll = std::f64::consts::FRAC_PI_2 * (i % 4) as f64;
+            Pose::looking_at(centre, noise.vector() * 30.0, Vector3::z(), roll)
+        })
+        .collect();
+    let camera = lens_camera();
+    let mut observations = Vec::new();
+    for (p, point) in points.iter().enumerate() {
+        for (s, pose) in poses.iter().enumerate() {
+            let seen = (pose.centre_in_world - point).dot(&box_normal(p)) > 0.0;
+            if let Some(pixel) = camera.project(&pose.camera_from_point(point))
+                && seen
+                && camera.contains(&pixel)
+            {
+                let error = noise.vector() * scene.noise_px;
+                observations.push(ImageObservation {
+                    station: s,
+                    point: p,
+                    pixel: pixel + error.xy(),
+                    sigma_px: if scene.noise_px > 0.0 {
+                        scene.noise_px
+                    } else {
+                        0.05
+                    },
+                });
+            }
+        }
+    }
+    let truth = State {
+        cameras: vec![camera.clone()],
+        poses,
+        points,
+    };
+    let problem = disturbed(&truth, observations, scene, &mut noise);
+    Simulated { truth, problem }
+}
+
+fn disturbed(
+    truth: &State,
+    observations: Vec<ImageObservation>,
+    scene: &Scene,
+    noise: &mut Noise,
+) -> BundleProblem {
+    let size = scene.disturbance;
+    let mut camera = truth.cameras[0].clone();
+    if scene.interior != ParameterState::Fixed && size > 0.0 {
+        camera.interior =
+            InteriorOrientation::pinhole(camera.interior.principal_distance * (1.0 + 1e-3 * size));
+    }
+    BundleProblem {
+        cameras: vec![CameraBlock {
+            camera,
+            parameters: [scene.interior; 10],
+        }],
+        stations: truth
+            .poses
+            .iter()
+            .map(|pose| StationBlock {
+                camera: 0,
+                pose: pose.moved(&(noise.vector() * 1e-3 * size), &(noise.vector() * size)),
+            })
+            .collect(),
+        points: truth
+            .points
+            .iter()
+            .map(|p| PointBlock::unknown(p + noise.vector() * size))
+            .collect(),
+        observations,
+        distances: Vec::new(),
+        datum: Datum::InnerConstraints {
+            points: (0..truth.points.len()).collect(),
+        },
+        rejected: BTreeSet::new(),
+    }
+}
+
+fn box_normal(point: usize) -> Vector3<f64> {
+    match point % 5 {
+        0 => Vector3::z(),
+        1 => Vector3::x(),
+        2 => -Vector3::x(),
+        3 => Vector3::y(),
+        _ => -Vector3::y(),
+    }
+}
+
+fn box_point(index: usize, noise: &mut Noise) -> Vector3<f64> {
+    let normal = box_normal(index);
+    let inside = Vector3::new(
+        400.0 * (noise.uniform() - 0.5),
+        400.0 * (noise.uniform() - 0.5),
+        200.0 * (noise.uniform() - 0.5),
+    );
+    let half = Vector3::new(200.0, 200.0, 100.0);
+    inside - normal * normal.dot(&inside) + normal.component_mul(&half).component_mul(&normal.abs())
+}

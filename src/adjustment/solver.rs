@@ -1,0 +1,497 @@
+//! The iteration, driven by the caller: one call is one accepted step.
+
+use nalgebra::{DVector, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::datum::{FreeMotions, move_onto_datum};
+use super::equations::{Equations, State, distance_equation, image_residuals};
+use super::layout::{Layout, PointRole};
+use super::normals::{Factor, Normals};
+use super::statistics::{self, median};
+use super::{
+    Adjustment, AdjustmentError, BundleProblem, BundleSettings, ParameterState, RobustStart,
+};
+use crate::camera::InteriorOrientation;
+
+/// A rise of the cost by less than this part, or by less than the square of 1e-7 sigma an observation, is rounding.
+const ROUNDING_OF_COST: f64 = 1e-9;
+const ROUNDING_OF_RESIDUAL: f64 = 1e-7;
+
+/// The first damping when the cost rises, the factor from one to the next, the least and the greatest.
+const FIRST_DAMPING: f64 = 1e-5;
+const DAMPING_FACTOR: f64 = 10.0;
+const LEAST_DAMPING: f64 = 1e-7;
+const GREATEST_DAMPING: f64 = 1e10;
+
+/// A singular system is passed with damping so often in a row (start values can be singular by chance) before it
+/// counts as a rank defect.
+const SINGULAR_ATTEMPTS: usize = 3;
+
+/// The robust start ends when a step changes the observations by less than this, rms, in sigmas.
+const ROBUST_CONVERGENCE: f64 = 1e-2;
+
+/// The median of absolute values of normal deviates times this is their standard deviation.
+pub(super) const SIGMA_FROM_MEDIAN: f64 = 1.4826;
+
+/// How an iteration ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum TerminationKind {
+    /// An undamped step changed less than the threshold (value: rms change of the observations in sigmas).
+    Converged,
+    /// The last allowed iteration was made (value: the last change).
+    IterationLimit,
+    /// No damping made the cost fall (value: rise of the cost, relative).
+    NoDescent,
+}
+
+/// How an iteration ended, with the measured value and its threshold.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Termination {
+    /// What happened.
+    pub kind: TerminationKind,
+    /// Its measure, see [`TerminationKind`].
+    pub value: f64,
+    /// What the value was compared with.
+    pub threshold: f64,
+}
+
+/// The weights of an iteration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Phase {
+    /// Down-weighted large residuals.
+    Robust,
+    /// The given weights.
+    LeastSquares,
+}
+
+/// What one iteration did.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Iteration {
+    /// Counted from 1.
+    pub number: usize,
+    /// Its weights.
+    pub phase: Phase,
+    /// Weighted sum of squares (or of the robust loss) after the step, without unit.
+    pub cost: f64,
+    /// Rms change of the observations in sigmas.
+    pub change: f64,
+    /// Damping of the accepted step, 0 for plain Gauss-Newton.
+    pub damping: f64,
+    /// Whether and how the iteration ended.
+    pub termination: Option<Termination>,
+}
+
+/// A bundle adjustment under way.
+pub struct BundleSolver {
+    problem: BundleProblem,
+    settings: BundleSettings,
+    layout: Layout,
+    state: State,
+    phase: Phase,
+    damping: f64,
+    number: usize,
+    robust_number: usize,
+    singular: usize,
+    termination: Option<Termination>,
+}
+
+/// A trial step that was accepted.
+struct Accepted {
+    state: State,
+    cost: f64,
+    change: f64,
+    damping: f64,
+}
+
+impl BundleSolver {
+    /// Checks the problem and sets out from its start values.
+    ///
+    /// # Errors
+    /// Invalid input, points or stations with too few rays, a datum that does not take the freedom of the network.
+    pub fn new(problem: BundleProblem, settings: BundleSettings) -> Result<Self, AdjustmentError> {
+        let state = State::start(&problem);
+        Self::resume(problem, settings, state)
+    }
+
+    /// Sets out from another state; the datum still refers to the start values in `problem`.
+    pub(super) fn resume(
+        problem: BundleProblem,
+        settings: BundleSettings,
+        state: State,
+    ) -> Result<Self, AdjustmentError> {
+        let layout = Layout::new(&problem)?;
+        FreeMotions::of(&problem, &layout, &state).check(&problem, &layout, &state)?;
+        let phase = match settings.robust_start {
+            RobustStart::Off => Phase::LeastSquares,
+            RobustStart::Huber { .. } => Phase::Robust,
+        };
+        Ok(Self {
+            problem,
+            settings,
+            layout,
+            state,
+            phase,
+            damping: 0.0,
+            number: 0,
+            robust_number: 0,
+            singular: 0,
+            termination: None,
+        })
+    }
+
+    /// Makes one step that does not raise the cost (or finds that there is none).
+    ///
+    /// # Errors
+    /// [`AdjustmentError::NotImaged`] when the start values put observed points behind their cameras,
+    /// [`AdjustmentError::RankDefect`] when the observations leave unknowns undetermined.
+    pub fn iterate(&mut self) -> Result<Iteration, AdjustmentError> {
+        let equations = Equations::at(&self.problem, &self.layout, &self.state);
+        self.check_imaged(&equations)?;
+        let residuals: Vec<Option<Vector2<f64>>> = equations
+            .rays
+            .iter()
+            .map(|r| r.map(|r| r.residual))
+            .collect();
+        let loss = self.loss(&residuals);
+        let cost = self.cost(&self.state, &residuals, loss);
+        let phase = self.phase;
+        self.number += 1;
+        let Some(accepted) = self.accepted_step(&equations, &residuals, loss, cost)? else {
+            let (number, termination) = (self.number, self.termination);
+            return Ok(Iteration {
+                number,
+                phase,
+                cost,
+                change: 0.0,
+                damping: self.damping,
+                termination,
+            });
+        };
+        self.state = accepted.state;
+        // A system that was singular by chance is tried undamped again at once.
+        self.damping = if self.singular == 0 && accepted.damping > LEAST_DAMPING {
+            accepted.damping / DAMPING_FACTOR
+        } else {
+            0.0
+        };
+        self.judge(accepted.change, accepted.damping);
+        Ok(Iteration {
+            number: self.number,
+            phase,
+            cost: accepted.cost,
+            change: accepted.change,
+            damping: accepted.damping,
+            termination: self.termination,
+        })
+    }
+
+    /// The estimates with their exact statistics, in the chosen datum.
+    ///
+    /// # Errors
+    /// [`AdjustmentError::NotConverged`] or [`AdjustmentError::NotFinished`] when the iteration has not converged;
+    /// [`AdjustmentError::RankDefect`].
+    pub fn finish(mut self) -> Result<Adjustment, AdjustmentError> {
+        let termination = self.converged()?;
+        let reference: Vec<Vector3<f64>> = self.problem.points.iter().map(|p| p.position).collect();
+        move_onto_datum(&self.problem, &self.layout, &mut self.state, &reference)?;
+        let equations = Equations::at(&self.problem, &self.layout, &self.state);
+        let mut adjustment =
+            statistics::adjustment(&self.problem, &self.layout, &self.state, &equations)?;
+        adjustment.iterations = self.number;
+        adjustment.termination = termination;
+        Ok(adjustment)
+    }
+
+    /// Chooses other datum points: no new iteration is needed, [`Self::finish`] brings the network into the new datum.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn set_datum(&mut self, points: Vec<usize>) -> Result<(), AdjustmentError> {
+        self.problem.datum = super::Datum::InnerConstraints { points };
+        self.layout = Layout::new(&self.problem)?;
+        FreeMotions::of(&self.problem, &self.layout, &self.state).check(
+            &self.problem,
+            &self.layout,
+            &self.state,
+        )
+    }
+
+    /// The weights of the next iteration.
+    #[must_use]
+    pub fn phase(&self) -> Phase {
+        self.phase
+    }
+
+    pub(super) fn state(&self) -> &State {
+        &self.state
+    }
+
+    pub(super) fn residuals(&self) -> Vec<Option<Vector2<f64>>> {
+        image_residuals(&self.problem, &self.layout, &self.state)
+    }
+
+    fn converged(&self) -> Result<Termination, AdjustmentError> {
+        match self.termination {
+            Some(end) if end.kind == TerminationKind::Converged => Ok(end),
+            Some(end) => Err(AdjustmentError::NotConverged(end)),
+            None => Err(AdjustmentError::NotFinished),
+        }
+    }
+
+    fn check_imaged(&self, equations: &Equations) -> Result<(), AdjustmentError> {
+        let observations: Vec<usize> = (0..equations.rays.len())
+            .filter(|&i| self.layout.used[i] && equations.rays[i].is_none())
+            .collect();
+        if observations.is_empty() {
+            Ok(())
+        } else {
+            Err(AdjustmentError::NotImaged { observations })
+        }
+    }
+
+    /// Tries the plain step first, then ever more damping; `None` (with a termination) when nothing lowers the cost.
+    fn accepted_step(
+        &mut self,
+        equations: &Equations,
+        residuals: &[Option<Vector2<f64>>],
+        loss: Loss,
+        cost: f64,
+    ) -> Result<Option<Accepted>, AdjustmentError> {
+        let weights = self.weights(residuals, loss);
+        let free = FreeMotions::of(&self.problem, &self.layout, &self.state);
+        let null_vectors = free.kept_rows(&self.layout, &self.state);
+        let observations = self.layout.used.iter().filter(|u| **u).count() as f64;
+        let allowed = cost * (1.0 + ROUNDING_OF_COST) + observations * ROUNDING_OF_RESIDUAL.powi(2);
+        let mut lowest_rise = f64::INFINITY;
+        loop {
+            let solved = Normals::build(
+                &self.problem,
+                &self.layout,
+                &self.state,
+                equations,
+                &weights,
+                self.damping,
+            )
+            .and_then(|normals| {
+                let factor = Factor::new(&normals, &self.layout, &null_vectors)?;
+                Ok((factor.solve(&normals.right_side), normals))
+            });
+            match solved {
+                Err(defect) => {
+                    if self.damping == 0.0 {
+                        self.singular += 1;
+                        if self.singular >= SINGULAR_ATTEMPTS {
+                            return Err(defect);
+                        }
+                    } else if self.damping >= GREATEST_DAMPING {
+                        return Err(defect);
+                    }
+                }
+                Ok((kept, normals)) => {
+                    if self.damping == 0.0 {
+                        self.singular = 0;
+                    }
+                    let state = self.moved(&kept, &normals);
+                    let trial = image_residuals(&self.problem, &self.layout, &state);
+                    let trial_cost = self.cost(&state, &trial, loss);
+                    if trial_cost <= allowed {
+                        let change = normals.predicted_change(&kept).max(0.0);
+                        return Ok(Some(Accepted {
+                            state,
+                            cost: trial_cost,
+                            change: (change / (2.0 * observations).max(1.0)).sqrt(),
+                            damping: self.damping,
+                        }));
+                    }
+                    lowest_rise = lowest_rise.min(trial_cost / cost.max(f64::MIN_POSITIVE) - 1.0);
+                }
+            }
+            self.damping = (self.damping * DAMPING_FACTOR).max(FIRST_DAMPING);
+            if self.damping > GREATEST_DAMPING {
+                self.termination = Some(Termination {
+                    kind: TerminationKind::NoDescent,
+                    value: lowest_rise,
+                    threshold: ROUNDING_OF_COST,
+                });
+                return Ok(None);
+            }
+        }
+    }
+
+    fn judge(&mut self, change: f64, damping: f64) {
+        if self.phase == Phase::Robust {
+            self.robust_number += 1;
+            let limit = match self.settings.robust_start {
+                RobustStart::Huber { iterations, .. } => iterations,
+                RobustStart::Off => 0,
+            };
+            let settled = damping == 0.0 && change < ROBUST_CONVERGENCE;
+            if settled || self.robust_number >= limit {
+                self.phase = Phase::LeastSquares;
+            }
+            return;
+        }
+        let end = |kind| {
+            Some(Termination {
+                kind,
+                value: change,
+                threshold: self.settings.convergence,
+            })
+        };
+        if damping == 0.0 && change < self.settings.convergence {
+            self.termination = end(TerminationKind::Converged);
+        } else if self.number >= self.settings.iterations {
+            self.termination = end(TerminationKind::IterationLimit);
+        }
+    }
+
+    fn moved(&self, kept: &DVector<f64>, normals: &Normals) -> State {
+        let mut state = self.state.clone();
+        for (s, pose) in state.poses.iter_mut().enumerate() {
+            let at = 6 * s;
+            *pose = pose.moved(
+                &Vector3::new(kept[at], kept[at + 1], kept[at + 2]),
+                &Vector3::new(kept[at + 3], kept[at + 4], kept[at + 5]),
+            );
+        }
+        for (c, camera) in state.cameras.iter_mut().enumerate() {
+            let mut interior = camera.interior.to_vector();
+            for (k, &parameter) in self.layout.camera_free[c].iter().enumerate() {
+                interior[parameter] += kept[self.layout.camera_start[c] + k];
+            }
+            camera.interior = InteriorOrientation::from_vector(&interior);
+        }
+        for (p, role) in self.layout.roles.iter().enumerate() {
+            if let PointRole::Kept { start } = *role {
+                state.points[p] += Vector3::new(kept[start], kept[start + 1], kept[start + 2]);
+            }
+        }
+        let steps = normals.point_steps(&self.layout, kept);
+        for (frame, step) in self.layout.frames.iter().zip(steps) {
+            if let Some(step) = step {
+                state.points[frame.point] += step;
+            }
+        }
+        state
+    }
+
+    /// The loss function of this iteration: the scale of the robust one follows the present residuals.
+    fn loss(&self, residuals: &[Option<Vector2<f64>>]) -> Loss {
+        match (self.phase, self.settings.robust_start) {
+            (Phase::Robust, RobustStart::Huber { threshold, .. }) => {
+                let scale = robust_scale(&self.problem, &self.layout.used, residuals);
+                Loss::Huber {
+                    bend: (threshold * scale).max(f64::MIN_POSITIVE),
+                }
+            }
+            _ => Loss::Square,
+        }
+    }
+
+    fn weights(&self, residuals: &[Option<Vector2<f64>>], loss: Loss) -> Vec<f64> {
+        let rays = self.problem.observations.iter().zip(residuals);
+        rays.zip(&self.layout.used)
+            .map(|((o, v), used)| match v {
+                Some(v) if *used => loss.weight(v.norm() / o.sigma_px) * o.sigma_px.powi(-2),
+                _ => 0.0,
+            })
+            .collect()
+    }
+
+    /// The weighted sum of squares of all observations; infinite where a used one is not imaged.
+    fn cost(&self, state: &State, residuals: &[Option<Vector2<f64>>], loss: Loss) -> f64 {
+        if state.cameras.iter().any(|c| {
+            !c.interior.to_vector().iter().all(|x| x.is_finite())
+                || c.interior.principal_distance <= 0.0
+        }) {
+            return f64::INFINITY;
+        }
+        let mut sum = 0.0;
+        for ((o, v), _) in self
+            .problem
+            .observations
+            .iter()
+            .zip(residuals)
+            .zip(&self.layout.used)
+            .filter(|o| *o.1)
+        {
+            match v {
+                Some(v) => sum += loss.value(v.norm() / o.sigma_px),
+                None => return f64::INFINITY,
+            }
+        }
+        let sum = sum + other_squares(&self.problem, &self.layout, state);
+        if sum.is_finite() { sum } else { f64::INFINITY }
+    }
+}
+
+/// The weighted squares of distances, known coordinates and known camera parameters.
+pub(super) fn other_squares(problem: &BundleProblem, layout: &Layout, state: &State) -> f64 {
+    let mut sum = 0.0;
+    for (d, _) in problem
+        .distances
+        .iter()
+        .zip(&layout.distance_used)
+        .filter(|d| *d.1)
+    {
+        let equation = distance_equation(&state.points[d.from], &state.points[d.to], d.length_mm);
+        sum += (equation.residual / d.sigma_mm).powi(2);
+    }
+    for frame in &layout.frames {
+        for axis in 0..3 {
+            if let Some(prior) = problem.points[frame.point].prior[axis] {
+                sum += ((state.points[frame.point][axis] - prior.value) / prior.sigma).powi(2);
+            }
+        }
+    }
+    for (block, camera) in problem.cameras.iter().zip(&state.cameras) {
+        let interior = camera.interior.to_vector();
+        for (parameter, part) in block.parameters.iter().enumerate() {
+            if let ParameterState::Weighted { value, sigma } = part {
+                sum += ((interior[parameter] - value) / sigma).powi(2);
+            }
+        }
+    }
+    sum
+}
+
+/// 1.4826 times the median of the absolute residuals in sigmas.
+pub(super) fn robust_scale(
+    problem: &BundleProblem,
+    used: &[bool],
+    residuals: &[Option<Vector2<f64>>],
+) -> f64 {
+    let rays = problem.observations.iter().zip(residuals).zip(used);
+    let values: Vec<f64> = rays
+        .filter(|r| *r.1)
+        .filter_map(|((o, v), _)| v.map(|v| [v.x.abs() / o.sigma_px, v.y.abs() / o.sigma_px]))
+        .flatten()
+        .collect();
+    SIGMA_FROM_MEDIAN * median(values).unwrap_or(0.0)
+}
+
+/// The loss of an image observation as a function of its residual's length in sigmas.
+#[derive(Clone, Copy)]
+enum Loss {
+    Square,
+    /// Quadratic up to `bend`, linear beyond (Huber, 1964).
+    Huber {
+        bend: f64,
+    },
+}
+
+impl Loss {
+    fn value(self, length: f64) -> f64 {
+        match self {
+            Self::Huber { bend } if length > bend => bend * (2.0 * length - bend),
+            _ => length * length,
+        }
+    }
+
+    fn weight(self, length: f64) -> f64 {
+        match self {
+            Self::Huber { bend } if length > bend => bend / length,
+            _ => 1.0,
+        }
+    }
+}
