@@ -5,4 +5,5 @@ pub mod camera;
 pub mod geometry;
 pub mod monitor;
 pub mod network;
+pub mod synthetic;
 pub mod targets;
