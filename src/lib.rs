@@ -4,4 +4,5 @@ pub mod camera;
 pub mod geometry;
 pub mod monitor;
 pub mod network;
+pub mod project;
 pub mod targets;
