@@ -6,4 +6,5 @@ pub mod geometry;
 pub mod monitor;
 pub mod network;
 pub mod synthetic;
+pub mod project;
 pub mod targets;
