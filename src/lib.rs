@@ -2,5 +2,6 @@
 
 pub mod camera;
 pub mod geometry;
+pub mod matching;
 pub mod monitor;
 pub mod targets;
