@@ -3,6 +3,7 @@
 pub mod adjustment;
 pub mod camera;
 pub mod geometry;
+pub mod matching;
 pub mod monitor;
 pub mod network;
 pub mod synthetic;

@@ -1,0 +1,410 @@
+//! Proposals of a target through one dot: a partner on the epipolar line, then every other view asked.
+
+use nalgebra::{Matrix2, Matrix3, Vector3};
+
+use super::intersection::{
+    Intersection, chi_square_limit, intersect, meet, prediction_misfit, ray_variance,
+};
+use super::problem::{IdentificationSettings, Member, ObjectSpace};
+use super::shape::{Disc, largest};
+use super::sight::Sight;
+
+/// Widest search for a further dot, px: a pair that predicts worse says nothing about a view yet.
+const WIDEST_SEARCH_PX: f64 = 40.0;
+/// Largest ratio of the diameters that two dots of a pair would have in space; tilt and field angle explain this much.
+const PAIR_SIZE_RATIO: f64 = 1.7;
+/// Rays from which a proposal explains its dots so well that no further pairs among them are tried.
+const EXPLAINED_RAYS: usize = 5;
+
+/// What all proposals share.
+pub(super) struct Bench<'a> {
+    pub(super) sights: &'a [Sight],
+    /// Partner views of each view, best angle first.
+    pub(super) partners: &'a [Vec<usize>],
+    pub(super) space: ObjectSpace,
+    pub(super) settings: &'a IdentificationSettings,
+}
+
+/// A point that several dots propose.
+#[derive(Clone, Debug)]
+pub(super) struct Hypothesis {
+    /// By view; holds the dot it was proposed from.
+    pub(super) members: Vec<Member>,
+    pub(super) point: Vector3<f64>,
+    pub(super) covariance: Matrix3<f64>,
+    /// Chi-square over redundancy.
+    pub(super) variance_factor: f64,
+    pub(super) disc: Option<Disc>,
+    /// Expected number of accidental dots in all the searches beyond the pair.
+    pub(super) accidental_hits: f64,
+}
+
+/// What the search from one dot found.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Verdict {
+    pub(super) best: Option<Hypothesis>,
+    /// The best one that is another point, or as good a choice of other dots.
+    pub(super) rival: Option<Hypothesis>,
+    /// Pairs tried.
+    pub(super) pairs: usize,
+}
+
+impl Verdict {
+    pub(super) fn rays(&self) -> usize {
+        self.best.as_ref().map_or(0, |h| h.members.len())
+    }
+
+    pub(super) fn rival_rays(&self) -> usize {
+        self.rival.as_ref().map_or(0, |h| h.members.len())
+    }
+}
+
+/// Expected number of accidental intersections of `rays` rays among `pairs` proposals, log10.
+///
+/// A-contrario reasoning (Desolneux, Moisan and Morel, 2000): dots scattered at the local density fall into the search
+/// areas by Poisson's law.
+pub(super) fn log10_accidents(pairs: usize, rays: usize, accidental_hits: f64) -> f64 {
+    let hits = rays.saturating_sub(2);
+    let rate = accidental_hits.max(1e-12);
+    let mut log_term = -rate;
+    for i in 1..=hits {
+        log_term += (rate / i as f64).ln();
+    }
+    let (mut sum, mut ratio) = (1.0, 1.0);
+    for i in hits + 1..hits + 60 {
+        ratio *= rate / i as f64;
+        sum += ratio;
+    }
+    (pairs.max(1) as f64).log10() + (log_term + f64::ln(sum)).min(0.0) / std::f64::consts::LN_10
+}
+
+/// Whether two proposals are the same target: most of what they share agrees.
+fn same_target(a: &Hypothesis, b: &Hypothesis) -> bool {
+    let (shared, conflicts) = overlap(&a.members, &b.members);
+    shared >= 2 && shared > conflicts && (conflicts == 0 || b.members.len() < a.members.len())
+}
+
+/// Dots in common, and views in which two lists name different dots.
+pub(super) fn overlap(a: &[Member], b: &[Member]) -> (usize, usize) {
+    let (mut shared, mut conflicts) = (0, 0);
+    let (mut i, mut j) = (0, 0);
+    while i < a.len() && j < b.len() {
+        match a[i].view.cmp(&b[j].view) {
+            std::cmp::Ordering::Less => i += 1,
+            std::cmp::Ordering::Greater => j += 1,
+            std::cmp::Ordering::Equal => {
+                if a[i].dot == b[j].dot {
+                    shared += 1;
+                } else {
+                    conflicts += 1;
+                }
+                i += 1;
+                j += 1;
+            }
+        }
+    }
+    (shared, conflicts)
+}
+
+/// More rays first, then the better fit.
+fn better(a: &Hypothesis, b: &Hypothesis) -> bool {
+    (a.members.len(), -a.variance_factor) > (b.members.len(), -b.variance_factor)
+}
+
+impl Bench<'_> {
+    /// The best intersection through `seed` and its rival, from pairs with the first `most_partners` partner views.
+    pub(super) fn search(&self, seed: Member, most_partners: usize) -> Verdict {
+        let mut pairs = 0;
+        let mut found: Vec<Hypothesis> = Vec::new();
+        let partners = &self.partners[seed.view];
+        for &view in partners.iter().take(most_partners) {
+            for dot in self.epipolar_candidates(seed, view) {
+                let partner = Member { view, dot };
+                let explained = found.iter().any(|h| {
+                    h.members.len() >= EXPLAINED_RAYS && h.members.binary_search(&partner).is_ok()
+                });
+                if explained {
+                    continue;
+                }
+                let Some(point) = self.pair_point(seed, partner) else {
+                    continue;
+                };
+                pairs += 1;
+                if let Some(hypothesis) = self.grow(seed, partner, &point) {
+                    keep_best(&mut found, hypothesis);
+                }
+            }
+        }
+        let mut found = found.into_iter();
+        Verdict {
+            best: found.next(),
+            rival: found.next(),
+            pairs,
+        }
+    }
+
+    /// Free dots of `view` near the epipolar line of `seed`, within the object's depth.
+    ///
+    /// The width of the band is the threshold `Th = sqrt(2) max(sigma_S, 3 sigma_xy D / c)` of two rays, in pixels, with
+    /// the ray sigma of both views in the place of sigma_S and its critical value in the place of 3.
+    fn epipolar_candidates(&self, seed: Member, view: usize) -> Vec<usize> {
+        /// Shortest depth before a camera as a share of the far end of the ray: nearer, lines run off to infinity.
+        const NEAREST: f64 = 0.02;
+        let (a, b) = (&self.sights[seed.view], &self.sights[view]);
+        let direction = a.dots[seed.dot].direction;
+        let Some([mut near, mut far]) = self.space.stretch(&a.centre, &direction) else {
+            return Vec::new();
+        };
+        let k0 = -(b.camera_from_world * (a.centre - b.centre)).z;
+        let slope = -(b.camera_from_world * direction).z;
+        let least = NEAREST * far;
+        // Depth k0 + t slope before camera b must be at least `least`.
+        if slope.abs() < 1e-12 {
+            if k0 < least {
+                return Vec::new();
+            }
+        } else if slope > 0.0 {
+            near = near.max((least - k0) / slope);
+        } else {
+            far = far.min((least - k0) / slope);
+        }
+        if near >= far {
+            return Vec::new();
+        }
+        let ends = [near, far].map(|t| a.centre + direction * t);
+        let (Some(from), Some(to)) = (b.sighting(&ends[0]), b.sighting(&ends[1])) else {
+            return Vec::new();
+        };
+        let middle = (ends[0] + ends[1]) / 2.0;
+        let scale = b.pixels_per_mm(&middle) / a.pixels_per_mm(&middle);
+        let variance = ray_variance(a, seed.dot) * scale * scale + b.sigma_px * b.sigma_px;
+        let band = (self.settings.critical_ray * variance).sqrt();
+        b.along(&from.place, &to.place, band)
+    }
+
+    /// Where a pair of dots meets, if depth, angle and size allow it.
+    fn pair_point(&self, a: Member, b: Member) -> Option<Vector3<f64>> {
+        let (sight_a, sight_b) = (&self.sights[a.view], &self.sights[b.view]);
+        let (dot_a, dot_b) = (&sight_a.dots[a.dot], &sight_b.dots[b.dot]);
+        let point = meet(
+            (&sight_a.centre, &dot_a.direction),
+            (&sight_b.centre, &dot_b.direction),
+            self.settings.min_angle,
+        )?;
+        let inside = (0..3)
+            .all(|i| point[i] >= self.space.min[i] - 1.0 && point[i] <= self.space.max[i] + 1.0);
+        if !inside {
+            return None;
+        }
+        if let (Some(axes_a), Some(axes_b)) = (&dot_a.squared_axes, &dot_b.squared_axes) {
+            let slack = self.settings.axis_tolerance_px;
+            let size_a = largest(axes_a).sqrt();
+            let size_b = largest(axes_b).sqrt();
+            let (scale_a, scale_b) = (sight_a.pixels_per_mm(&point), sight_b.pixels_per_mm(&point));
+            let apart = |p: f64, sp: f64, q: f64, sq: f64| {
+                (p - slack) / sp > PAIR_SIZE_RATIO * (q + slack) / sq
+            };
+            if apart(size_a, scale_a, size_b, scale_b) || apart(size_b, scale_b, size_a, scale_a) {
+                return None;
+            }
+        }
+        Some(point)
+    }
+
+    /// Asks every partner view of the seed for a further ray; surest views first, the point improving on the way.
+    fn grow(&self, seed: Member, partner: Member, start: &Vector3<f64>) -> Option<Hypothesis> {
+        let mut members = vec![seed, partner];
+        let pair = intersect(self.sights, &members, start)?;
+        let views = &self.partners[seed.view];
+        let mut order: Vec<(f64, usize)> = Vec::with_capacity(views.len());
+        for &view in views {
+            if view == partner.view || self.sights[view].place(&pair.point).is_none() {
+                continue;
+            }
+            let seen = self.sights[view].sighting(&pair.point)?;
+            order.push((
+                largest(&(seen.by_point * pair.covariance * seen.by_point.transpose())),
+                view,
+            ));
+        }
+        order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let (mut point, mut covariance) = (pair.point, pair.covariance);
+        let mut accidental_hits = 0.0;
+        for (_, view) in order {
+            let sight = &self.sights[view];
+            let seen = sight.sighting(&point)?;
+            let variance = sight.sigma_px * sight.sigma_px;
+            let spread = seen.by_point * covariance * seen.by_point.transpose()
+                + Matrix2::identity() * variance;
+            let radius = (self.settings.critical_ray * largest(&spread)).sqrt();
+            if radius > WIDEST_SEARCH_PX {
+                continue;
+            }
+            let area = std::f64::consts::PI
+                * self.settings.critical_ray
+                * spread.determinant().max(0.0).sqrt();
+            accidental_hits += area * sight.density(&seen.place);
+            let Some(hit) = self.nearest(view, &point, &covariance, radius) else {
+                continue;
+            };
+            // One step of sequential least squares (Kalman, 1960).
+            let gain = covariance * seen.by_point.transpose() * spread.try_inverse()?;
+            point += gain * (sight.dots[hit].place - seen.place);
+            covariance -= gain * seen.by_point * covariance;
+            covariance = (covariance + covariance.transpose()) / 2.0;
+            members.push(Member { view, dot: hit });
+        }
+        members.sort_unstable();
+        self.settle(seed, members, &point, accidental_hits)
+    }
+
+    /// The free dot nearest (by its standardised distance) to where the point is predicted.
+    fn nearest(
+        &self,
+        view: usize,
+        point: &Vector3<f64>,
+        covariance: &Matrix3<f64>,
+        radius: f64,
+    ) -> Option<usize> {
+        let sight = &self.sights[view];
+        let mut best: Option<(f64, usize)> = None;
+        sight.near(&sight.sighting(point)?.place, radius, |dot| {
+            let Some(misfit) = prediction_misfit(sight, dot, point, covariance) else {
+                return;
+            };
+            let nearer = best.is_none_or(|b| (misfit, dot) < b);
+            if misfit <= self.settings.critical_ray && nearer {
+                best = Some((misfit, dot));
+            }
+        });
+        best.map(|b| b.1)
+    }
+
+    /// Intersects, drops what does not fit, asks all views once more from the settled point and fits again.
+    fn settle(
+        &self,
+        seed: Member,
+        mut members: Vec<Member>,
+        start: &Vector3<f64>,
+        accidental_hits: f64,
+    ) -> Option<Hypothesis> {
+        let fit = self.fitting(&mut members, start)?;
+        if members.len() >= 3 {
+            let asked = self.asked_again(seed, &fit);
+            if asked.len() >= 3 {
+                members = asked;
+            }
+        }
+        let mut fit = self.fitting(&mut members, &fit.point)?;
+        let disc = self.shaped(&mut members, &mut fit)?;
+        if members.binary_search(&seed).is_err() {
+            return None;
+        }
+        Some(Hypothesis {
+            variance_factor: fit.chi_square / fit.redundancy().max(1) as f64,
+            members,
+            point: fit.point,
+            covariance: fit.covariance,
+            disc,
+            accidental_hits,
+        })
+    }
+
+    /// The one dot in each view that lies where the settled point is predicted; none where two compete.
+    fn asked_again(&self, seed: Member, fit: &Intersection) -> Vec<Member> {
+        let mut members = Vec::new();
+        let own = std::iter::once(&seed.view);
+        for &view in self.partners[seed.view].iter().chain(own) {
+            let sight = &self.sights[view];
+            let Some(place) = sight.place(&fit.point) else {
+                continue;
+            };
+            let Some(seen) = sight.sighting(&fit.point) else {
+                continue;
+            };
+            let spread = seen.by_point * fit.covariance * seen.by_point.transpose()
+                + Matrix2::identity() * (sight.sigma_px * sight.sigma_px);
+            let critical = self.settings.critical_ray + self.settings.critical_margin;
+            let mut hits: Vec<(f64, usize)> = Vec::new();
+            sight.near(&place, (critical * largest(&spread)).sqrt(), |dot| {
+                if let Some(misfit) = prediction_misfit(sight, dot, &fit.point, &fit.covariance) {
+                    hits.push((misfit, dot));
+                }
+            });
+            hits.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            let Some(&(misfit, dot)) = hits.first() else {
+                continue;
+            };
+            let alone = hits
+                .get(1)
+                .is_none_or(|h| h.0 > misfit + self.settings.critical_margin);
+            if misfit <= self.settings.critical_ray && alone {
+                members.push(Member { view, dot });
+            }
+        }
+        members.sort_unstable();
+        members
+    }
+
+    /// Intersects and drops the worst ray until every ray and the whole pass their tests.
+    pub(super) fn fitting(
+        &self,
+        members: &mut Vec<Member>,
+        start: &Vector3<f64>,
+    ) -> Option<Intersection> {
+        loop {
+            let fit = intersect(self.sights, members, start)?;
+            if members.len() == 2 {
+                return Some(fit);
+            }
+            let limit = chi_square_limit(fit.redundancy(), self.settings.critical_deviate);
+            let (worst, misfit) = fit.worst()?;
+            if misfit <= self.settings.critical_ray && fit.chi_square <= limit {
+                return Some(fit);
+            }
+            members.remove(worst);
+        }
+    }
+
+    /// Fits the disc, drops dots whose ellipse or side contradicts it; `None` where fewer than two rays stay.
+    fn shaped(&self, members: &mut Vec<Member>, fit: &mut Intersection) -> Option<Option<Disc>> {
+        loop {
+            let Some(disc) = Disc::fitted(self.sights, members, &fit.point) else {
+                return Some(None);
+            };
+            if members.len() < 3 {
+                return Some(Some(disc));
+            }
+            let misfits = members.iter().map(|m| {
+                let sight = &self.sights[m.view];
+                if disc.faces(&fit.point, &sight.centre, self.settings.max_incidence) {
+                    disc.misfit(sight, m.dot, &fit.point, self.settings)
+                } else {
+                    f64::INFINITY
+                }
+            });
+            let worst = misfits.enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
+            if worst.1 <= 1.0 {
+                return Some(Some(disc));
+            }
+            members.remove(worst.0);
+            *fit = self.fitting(members, &fit.point)?;
+        }
+    }
+}
+
+/// Keeps the best proposal and the best rival to it.
+fn keep_best(found: &mut Vec<Hypothesis>, hypothesis: Hypothesis) {
+    if hypothesis.members.len() < 3 && !found.is_empty() {
+        return;
+    }
+    let place = found
+        .iter()
+        .position(|h| better(&hypothesis, h))
+        .unwrap_or(found.len());
+    found.insert(place, hypothesis);
+    let best = found.remove(0);
+    found.retain(|h| !same_target(&best, h));
+    found.truncate(2);
+    found.insert(0, best);
+}
