@@ -8,6 +8,10 @@ use crate::targets::Dot;
 /// The least share of a semi-axis that is left when its tolerance is taken off, so that an outline never degenerates.
 const LEAST_AXIS_SHARE: f64 = 0.3;
 
+/// What blur may take from or add to the square of a semi-axis, px^2: an edge drawn too far inside, or moments of a grey dot
+/// under a lens blur of half a pixel.
+const BLUR_SQUARE_PX2: [f64; 2] = [-0.3, 1.0];
+
 /// The ellipse `{ w : w^T E^-1 w = 1 }` of a dot.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Outline {
@@ -111,6 +115,32 @@ pub(super) fn agreement(
     Agreement::Agree
 }
 
+/// How far the mean of the outlines, seen on the plane, is from a circle: the relative difference of its squared semi-axes,
+/// after the part that blur alone explains.
+///
+/// On the plane `J^-1 E J^-T / r^2` is `k^2 I` with the common size k; blur adds `c^2 I` in the picture, hence
+/// `c^2 (J^T J)^-1 / r^2` on the plane, which for an oblique view is no circle.
+pub(super) fn ovalness(
+    outlines: &[Outline],
+    px_from_pitches: &[Matrix2<f64>],
+    settings: &Dot420Settings,
+) -> Option<f64> {
+    let area = settings.dot_radius().powi(2);
+    let (mut seen, mut blur) = (Matrix2::zeros(), Matrix2::zeros());
+    for (outline, j) in outlines.iter().zip(px_from_pitches) {
+        let pitches_from_px = j.try_inverse()?;
+        let on_plane = |e: Matrix2<f64>| pitches_from_px * e * pitches_from_px.transpose() / area;
+        seen += on_plane(outline.bound(0.0, 0.0, 0.0));
+        blur += on_plane(Matrix2::identity());
+    }
+    // A symmetric matrix without its circular part is a vector of two numbers.
+    let oval = |m: &Matrix2<f64>| Vector2::new(m[(0, 0)] - m[(1, 1)], 2.0 * m[(0, 1)]);
+    let (oval_seen, oval_blur) = (oval(&seen), oval(&blur));
+    let blur_square = oval_seen.dot(&oval_blur) / oval_blur.norm_squared().max(f64::MIN_POSITIVE);
+    let explained = oval_blur * blur_square.clamp(BLUR_SQUARE_PX2[0], BLUR_SQUARE_PX2[1]);
+    Some((oval_seen - explained).norm() / seen.trace())
+}
+
 fn is_positive(m: &Matrix2<f64>) -> bool {
     m[(0, 0)] >= 0.0 && m[(1, 1)] >= 0.0 && m.determinant() >= 0.0
 }
@@ -158,7 +188,7 @@ mod tests {
             Agreement::Agree
         );
         assert_eq!(
-            agreement(&outlines, &[own, own, own * 1.5], 0.0, &settings),
+            agreement(&outlines, &[own, own, own * 1.3], 0.0, &settings),
             Agreement::Differs(2)
         );
         let turned = Matrix2::new(0.0, 20.0, 10.0, 0.0);

@@ -1,11 +1,11 @@
 //! The evidence for each hypothesis, and what is left when readings compete for dots.
 
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 
 use super::Dot420Settings;
 use super::hypothesis::{Field, Hypothesis};
-use super::outline::{Agreement, Outline, agreement};
+use super::outline::{Agreement, Outline, agreement, ovalness};
 use crate::targets::{CodeReading, Dot, DotIndex, Family, Rejected};
 
 /// Refused readings are reported up to this multiple of the largest misfit allowed; beyond it they are mere chance.
@@ -88,7 +88,8 @@ impl Field<'_> {
         if plane.depth_ratio() > settings.depth_ratio {
             return Verdict::Chance;
         }
-        match self.outline_agreement(hypothesis) {
+        let (outlines, maps) = self.outlines_and_maps(hypothesis);
+        match agreement(&outlines, &maps, 0.0, settings) {
             Agreement::Agree => {}
             Agreement::SizeOff(factor) => {
                 return Verdict::Refused(format!(
@@ -131,23 +132,28 @@ impl Field<'_> {
                 ));
             }
         }
+        let ovalness = ovalness(&outlines, &maps, settings).unwrap_or(f64::INFINITY);
+        if ovalness > settings.refused_ovalness {
+            return Verdict::Refused(format!(
+                "like {label}, but its dots would not be round: their axes differ by {:.0} %",
+                100.0 * ovalness
+            ));
+        }
         if plane.standardised > settings.certain_misfit {
             doubts.push(misfit);
         }
         Verdict::Read(doubts)
     }
 
-    fn outline_agreement(&self, hypothesis: &Hypothesis) -> Agreement {
-        let outlines: Vec<Outline> = hypothesis
-            .slots
-            .iter()
-            .filter_map(|&slot| self.outlines[slot])
-            .collect();
+    /// The outlines of the six dots and the local maps that the plane predicts there.
+    fn outlines_and_maps(&self, hypothesis: &Hypothesis) -> (Vec<Outline>, [Matrix2<f64>; 6]) {
+        let slots = hypothesis.slots.iter();
+        let outlines = slots.filter_map(|&slot| self.outlines[slot]).collect();
         let maps = hypothesis.grid.map(|[x, y]| {
             let place = Vector2::new(f64::from(x), f64::from(y));
             hypothesis.plane.px_from_pitches(place)
         });
-        agreement(&outlines, &maps, 0.0, self.settings)
+        (outlines, maps)
     }
 
     /// How many foreign dots stand too near to one of the six and look as if they lay on the code's plane.

@@ -26,6 +26,10 @@ pub struct Dot420Settings {
     pub outline_share: f64,
     /// Size error common to all dots (halation, threshold, wrong `dot_mm`) as a share of the diameter; default 0.2.
     pub common_size_share: f64,
+    /// Largest relative difference of the squared semi-axes of the six dots' mean shape on the code's plane, blur apart; default
+    /// 0.08, more than four times what six outlines good to 3 % give. It tells a code from a field of targets in rows that
+    /// would be a code if its plane were tilted otherwise.
+    pub refused_ovalness: f64,
     /// Largest ratio of depth (or scale) from one side of the code to the other; default 1.3.
     pub depth_ratio: f64,
     /// Largest ratio of the contrasts of the six dots; default 4.
@@ -47,6 +51,7 @@ impl Default for Dot420Settings {
             outline_px: 0.35,
             outline_share: 0.09,
             common_size_share: 0.2,
+            refused_ovalness: 0.08,
             depth_ratio: 1.3,
             contrast_ratio: 4.0,
             clear_pitches: 2.6,

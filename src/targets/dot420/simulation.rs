@@ -252,9 +252,27 @@ fn code_scene(tally: &mut Tally, seed: u64, tries: usize, missing: Option<usize>
     let mut seen = photograph(&places, aim, &view, &mut random);
     if let Some(missing) = missing {
         seen[missing] = None;
+        let code_centres: Vec<_> = seen[..6].iter().flatten().map(|d| d.centre_px).collect();
         let (dots, _) = shuffled(seen, 0).unwrap();
         tally.plain_dots += dots.len() - 5;
         let reading = read_dot420(&dots, &Dot420Settings::default());
+        for c in &reading.codes {
+            let own = c
+                .dots
+                .iter()
+                .filter(|d| {
+                    code_centres
+                        .iter()
+                        .any(|q| (q - dots[d.slot()].centre_px).norm() < 1e-9)
+                })
+                .count();
+            println!(
+                "FALSE seed {seed} own {own} tilt {:.0} dot {dot_px:.0} misfit {:.3} {:?}",
+                tilt.to_degrees(),
+                c.misfit,
+                c.doubt
+            );
+        }
         tally.count(&reading.codes, 0, &[]);
         return;
     }
@@ -295,7 +313,7 @@ fn grid_scene(tally: &mut Tally, seed: u64, spacing: [f64; 2], holes: f64) {
 
 #[test]
 fn figures() {
-    for (tries, n) in [(0, 8400), (60, 3000), (400, 3000)] {
+    for (tries, n) in [(0, 2100), (60, 400), (400, 200)] {
         let mut t = Tally::default();
         for seed in 0..n {
             code_scene(&mut t, seed, tries, None);
@@ -305,26 +323,17 @@ fn figures() {
             t.read as f64 / t.scenes as f64
         );
     }
-    for (tries, n) in [(60, 6000), (400, 6000)] {
+    for (tries, n) in [(60, 5000)] {
         let mut t = Tally::default();
         for seed in 0..n {
             code_scene(&mut t, seed, tries, Some(seed as usize / 420 % 6));
         }
         println!("missing, {tries} tries: {t:?}");
     }
-    for spacing in [
-        [10.0, 10.0],
-        [15.0, 15.0],
-        [20.0, 20.0],
-        [30.0, 30.0],
-        [11.0, 11.0],
-        [9.0, 9.0],
-        [10.0, 15.0],
-        [12.5, 12.5],
-    ] {
-        for holes in [0.0, 0.1, 0.3, 0.5, 0.7] {
+    for spacing in [[10.0, 10.0], [15.0, 15.0], [9.0, 9.0], [12.5, 12.5]] {
+        for holes in [0.0, 0.5] {
             let mut t = Tally::default();
-            for seed in 0..300 {
+            for seed in 0..50 {
                 grid_scene(&mut t, seed, spacing, holes);
             }
             println!(
