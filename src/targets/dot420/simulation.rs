@@ -1,0 +1,345 @@
+//! Readings of simulated pictures with known truth.
+
+use nalgebra::{Matrix2, Vector2, Vector3};
+use rand::RngExt as _;
+use rand::SeedableRng as _;
+use rand_chacha::ChaCha8Rng;
+
+use super::{Dot420Settings, read_dot420};
+use crate::camera::{Camera, InteriorOrientation};
+use crate::geometry::Pose;
+use crate::targets::{CodeReading, DOT420_AXES, Dot, DotIndex, dot420_table};
+
+const PITCH_MM: f64 = 5.0;
+const DOT_MM: f64 = 5.0;
+
+/// How the picture is taken and how well its dots are measured.
+#[derive(Clone, Copy)]
+struct View {
+    tilt: f64,
+    azimuth: f64,
+    roll: f64,
+    /// Diameter of a dot seen from the front, px.
+    dot_px: f64,
+    /// Standard deviation of a centre's coordinate, px.
+    noise_px: f64,
+    /// Standard deviation of the diameters, share.
+    axis_noise: f64,
+}
+
+impl View {
+    fn random(random: &mut ChaCha8Rng, tilt: f64, dot_px: f64) -> Self {
+        Self {
+            tilt,
+            azimuth: random.random_range(0.0..std::f64::consts::TAU),
+            roll: random.random_range(0.0..std::f64::consts::TAU),
+            dot_px,
+            noise_px: 0.03,
+            axis_noise: 0.03,
+        }
+    }
+}
+
+fn camera() -> Camera {
+    Camera {
+        width_px: 3072,
+        height_px: 2048,
+        pixel_pitch_mm: 0.009,
+        interior: InteriorOrientation {
+            principal_distance: 20.0,
+            principal_point: [0.1, -0.05],
+            radial: [1.5e-4, -4e-7, 2e-10],
+            tangential: [1e-5, -2e-5],
+            affinity: [1e-4, -5e-5],
+        },
+    }
+}
+
+/// Places on the plane z = 0 (mm): the six dots of a code (number from 1), its O at `origin`, turned by `turn`.
+fn code_places(id: u32, origin: Vector2<f64>, turn: f64) -> Vec<Vector2<f64>> {
+    let rotation = nalgebra::Rotation2::new(turn);
+    DOT420_AXES
+        .iter()
+        .chain(&dot420_table()[id as usize - 1])
+        .map(|&[x, y]| origin + rotation * Vector2::new(f64::from(x), f64::from(y)) * PITCH_MM)
+        .collect()
+}
+
+fn normal(random: &mut ChaCha8Rng) -> f64 {
+    let (u, v): (f64, f64) = (
+        random.random_range(1e-300..1.0),
+        random.random_range(0.0..1.0),
+    );
+    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+}
+
+/// The dots of the places that lie in the picture; `aim` (mm on the plane) is seen at the middle.
+fn photograph(
+    places: &[Vector2<f64>],
+    aim: Vector2<f64>,
+    view: &View,
+    random: &mut ChaCha8Rng,
+) -> Vec<Option<Dot>> {
+    let camera = camera();
+    let distance =
+        DOT_MM * camera.interior.principal_distance / (camera.pixel_pitch_mm * view.dot_px);
+    let (st, ct) = view.tilt.sin_cos();
+    let (sa, ca) = view.azimuth.sin_cos();
+    let target = Vector3::new(aim.x, aim.y, 0.0);
+    let centre = target + Vector3::new(st * ca, st * sa, ct) * distance;
+    let pose = Pose::looking_at(centre, target, Vector3::new(0.3, 1.0, 0.0), view.roll);
+    places
+        .iter()
+        .map(|place| dot_at(&camera, &pose, *place, view, random))
+        .collect()
+}
+
+/// Area moments of the projected circle, with noise.
+fn dot_at(
+    camera: &Camera,
+    pose: &Pose,
+    place: Vector2<f64>,
+    view: &View,
+    random: &mut ChaCha8Rng,
+) -> Option<Dot> {
+    const CORNERS: usize = 24;
+    let corner = |k: usize| {
+        let (s, c) = (std::f64::consts::TAU * k as f64 / CORNERS as f64).sin_cos();
+        let rim = place + Vector2::new(c, s) * (DOT_MM / 2.0);
+        let pixel = camera.project(&pose.camera_from_point(&Vector3::new(rim.x, rim.y, 0.0)))?;
+        camera.contains(&pixel).then_some(pixel)
+    };
+    let rim: Vec<Vector2<f64>> = (0..CORNERS).map(corner).collect::<Option<_>>()?;
+    let base = rim[0];
+    let (mut area, mut first, mut second) = (0.0, Vector2::zeros(), Matrix2::zeros());
+    for k in 0..CORNERS {
+        let (p, q) = (rim[k] - base, rim[(k + 1) % CORNERS] - base);
+        let w = p.perp(&q) / 2.0;
+        area += w;
+        first += (p + q) * (w / 3.0);
+        let both = p + q;
+        second += (p * p.transpose() + q * q.transpose() + both * both.transpose()) * (w / 12.0);
+    }
+    let middle: Vector2<f64> = first / area;
+    let moments: Matrix2<f64> = second / area - middle * middle.transpose();
+    let eigen = moments.symmetric_eigen();
+    let (large, small) = if eigen.eigenvalues[0] >= eigen.eigenvalues[1] {
+        (0, 1)
+    } else {
+        (1, 0)
+    };
+    let direction = eigen.eigenvectors.column(large).into_owned();
+    // Moments of an ellipse are a quarter of its squared semi-axes.
+    let mut diameter =
+        |i: usize| 4.0 * eigen.eigenvalues[i].sqrt() * (1.0 + view.axis_noise * normal(random));
+    let (d1, d2) = (diameter(large), diameter(small));
+    let angle = direction.y.atan2(direction.x)
+        + if d2 > d1 {
+            std::f64::consts::FRAC_PI_2
+        } else {
+            0.0
+        };
+    Some(Dot {
+        centre_px: base + middle + Vector2::new(normal(random), normal(random)) * view.noise_px,
+        sigma_px: view.noise_px,
+        major_px: d1.max(d2),
+        minor_px: d1.min(d2),
+        angle: angle.rem_euclid(std::f64::consts::PI),
+        contrast: 150.0,
+        background: 20.0,
+    })
+}
+
+/// Plain targets thrown at random onto a square of half side `half_mm` round the middle of the code: at least 3 pitches from
+/// each of `codes`, at least two diameters from each other.
+fn plain_places(
+    codes: &[Vector2<f64>],
+    middle: Vector2<f64>,
+    half_mm: f64,
+    tries: usize,
+    random: &mut ChaCha8Rng,
+) -> Vec<Vector2<f64>> {
+    let mut places: Vec<Vector2<f64>> = Vec::new();
+    for _ in 0..tries {
+        let shift = Vector2::new(
+            random.random_range(-half_mm..half_mm),
+            random.random_range(-half_mm..half_mm),
+        );
+        let place = middle + shift;
+        let free = codes.iter().all(|c| (c - place).norm() >= 3.0 * PITCH_MM)
+            && places.iter().all(|p| (p - place).norm() >= 2.0 * DOT_MM);
+        if free {
+            places.push(place);
+        }
+    }
+    places
+}
+
+/// Counts over many scenes.
+#[derive(Debug, Default)]
+struct Tally {
+    scenes: usize,
+    read: usize,
+    read_with_doubt: usize,
+    wrong_dots: usize,
+    /// Readings that are no code of the scene, without and with a doubt.
+    false_certain: usize,
+    false_doubtful: usize,
+    plain_dots: usize,
+}
+
+impl Tally {
+    /// Counts the readings of a scene whose only code `id` (0: none) has the dots `truth`.
+    fn count(&mut self, codes: &[CodeReading], id: u32, truth: &[DotIndex]) {
+        self.scenes += 1;
+        for code in codes {
+            let shared = code.dots.iter().filter(|d| truth.contains(d)).count();
+            if code.id == id && code.dots == truth {
+                self.read += 1;
+                self.read_with_doubt += usize::from(code.doubt.is_some());
+            } else if code.id == id && shared == 6 {
+                self.wrong_dots += 1;
+            } else if code.doubt.is_none() {
+                self.false_certain += 1;
+            } else {
+                self.false_doubtful += 1;
+            }
+        }
+    }
+}
+
+/// The dots that were imaged, shuffled by a fixed stride, and where the first six went; `None` unless all six are there.
+fn shuffled(seen: Vec<Option<Dot>>, code_dots: usize) -> Option<(Vec<Dot>, Vec<DotIndex>)> {
+    let n = seen.len();
+    let stride = (1..).find(|s| s * 7 > n && gcd(*s, n) == 1)?;
+    let mut dots = Vec::new();
+    let mut truth = vec![None; code_dots];
+    for k in 0..n {
+        let from = k * stride % n;
+        if let Some(dot) = &seen[from] {
+            if from < code_dots {
+                truth[from] = Some(DotIndex(dots.len() as u32));
+            }
+            dots.push(dot.clone());
+        }
+    }
+    Some((dots, truth.into_iter().collect::<Option<_>>()?))
+}
+
+fn gcd(a: usize, b: usize) -> usize {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
+
+/// One scene: a code, `tries` plain targets thrown round it, the code's dot `missing` hidden.
+fn code_scene(tally: &mut Tally, seed: u64, tries: usize, missing: Option<usize>) {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let id = seed as u32 % 420 + 1;
+    let tilt = random.random_range(0.0..70_f64.to_radians());
+    let dot_px = random.random_range(5.0..25.0);
+    let view = View::random(&mut random, tilt, dot_px);
+    let turn = random.random_range(0.0..6.3);
+    let code = code_places(id, Vector2::new(10.0, -20.0), turn);
+    let middle = (code[1] + code[2]) / 2.0;
+    let reach = if tries > 0 { 12.0 } else { 40.0 };
+    let aim = middle
+        + Vector2::new(
+            random.random_range(-reach..reach),
+            random.random_range(-reach..reach),
+        );
+    let plain = plain_places(&code, middle, 75.0, tries, &mut random);
+    let mut places = code;
+    places.extend(plain);
+    let mut seen = photograph(&places, aim, &view, &mut random);
+    if let Some(missing) = missing {
+        seen[missing] = None;
+        let code_centres: Vec<_> = seen[..6].iter().flatten().map(|d| d.centre_px).collect();
+        let (dots, _) = shuffled(seen, 0).unwrap();
+        tally.plain_dots += dots.len() - 5;
+        let reading = read_dot420(&dots, &Dot420Settings::default());
+        for c in &reading.codes {
+            let own = c
+                .dots
+                .iter()
+                .filter(|d| {
+                    code_centres
+                        .iter()
+                        .any(|q| (q - dots[d.slot()].centre_px).norm() < 1e-9)
+                })
+                .count();
+            println!(
+                "FALSE seed {seed} own {own} tilt {:.0} dot {dot_px:.0} misfit {:.3} {:?}",
+                tilt.to_degrees(),
+                c.misfit,
+                c.doubt
+            );
+        }
+        tally.count(&reading.codes, 0, &[]);
+        return;
+    }
+    let Some((dots, truth)) = shuffled(seen, 6) else {
+        return;
+    };
+    tally.plain_dots += dots.len() - 6;
+    let reading = read_dot420(&dots, &Dot420Settings::default());
+    tally.count(&reading.codes, id, &truth);
+}
+
+/// A field of plain targets at `spacing` mm (two directions), each left out with probability `holes`.
+fn grid_scene(tally: &mut Tally, seed: u64, spacing: [f64; 2], holes: f64) {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let tilt = random.random_range(0.0..70_f64.to_radians());
+    let dot_px = random.random_range(5.0..25.0);
+    let view = View::random(&mut random, tilt, dot_px);
+    let mut places = Vec::new();
+    for i in -7..=7 {
+        for j in -7..=7 {
+            if random.random_range(0.0..1.0) >= holes {
+                places.push(Vector2::new(
+                    f64::from(i) * spacing[0],
+                    f64::from(j) * spacing[1],
+                ));
+            }
+        }
+    }
+    let seen = photograph(&places, Vector2::zeros(), &view, &mut random);
+    let (dots, _) = shuffled(seen, 0).unwrap();
+    tally.plain_dots += dots.len();
+    tally.count(
+        &read_dot420(&dots, &Dot420Settings::default()).codes,
+        0,
+        &[],
+    );
+}
+
+#[test]
+fn figures() {
+    for (tries, n) in [(0, 2100), (60, 400), (400, 200)] {
+        let mut t = Tally::default();
+        for seed in 0..n {
+            code_scene(&mut t, seed, tries, None);
+        }
+        println!(
+            "code, {tries} tries: {t:?} recall {:.4}",
+            t.read as f64 / t.scenes as f64
+        );
+    }
+    for (tries, n) in [(60, 5000)] {
+        let mut t = Tally::default();
+        for seed in 0..n {
+            code_scene(&mut t, seed, tries, Some(seed as usize / 420 % 6));
+        }
+        println!("missing, {tries} tries: {t:?}");
+    }
+    for spacing in [[10.0, 10.0], [15.0, 15.0], [9.0, 9.0], [12.5, 12.5]] {
+        for holes in [0.0, 0.5] {
+            let mut t = Tally::default();
+            for seed in 0..50 {
+                grid_scene(&mut t, seed, spacing, holes);
+            }
+            println!(
+                "grid {spacing:?} holes {holes}: false {} doubtful {} of {} dots",
+                t.false_certain, t.false_doubtful, t.plain_dots
+            );
+        }
+    }
+}
