@@ -2,5 +2,6 @@
 
 pub mod camera;
 pub mod geometry;
+pub mod imaging;
 pub mod monitor;
 pub mod targets;

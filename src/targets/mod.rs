@@ -1,9 +1,18 @@
 //! Targets in one picture: dots, coded targets, the reference cross.
 
+mod detect;
 mod detections;
+mod dot;
+mod ellipse;
 mod family;
+mod finding;
+mod fit;
+mod profile;
+mod window;
 
+pub use detect::{DetectSettings, detect};
 pub use detections::{CodeReading, Detections, Dot, DotIndex, Rejected};
+pub use dot::DotSettings;
 pub use family::{
     DOT420_AXES, Family, UnknownFamily, dot420_number, dot420_positions, dot420_table,
     least_rotation, ring_number, ring_table,
