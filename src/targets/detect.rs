@@ -1,10 +1,14 @@
 //! Detection in one picture: dots, then codes among them.
 
+use std::cmp::Ordering;
+
+use nalgebra::Vector2;
 use rayon::prelude::*;
 
 use super::dot::{DotSettings, MeasuredDot, View, measure_dot};
-use super::finding::{Candidate, CandidateSettings, candidates};
-use super::{Detections, Family, Rejected};
+use super::finding::{CandidateSettings, candidates};
+use super::ring::{RingOutcome, read_ring};
+use super::{CodeReading, Detections, DotIndex, Family, Rejected};
 use crate::imaging::{GreyImage, LevelSettings, LevelTree, noise_level};
 
 /// How targets are detected.
@@ -37,12 +41,54 @@ pub fn detect(image: &GreyImage, families: &[Family], settings: &DetectSettings)
         noise: noise_level(image),
         clipping: image.clipping().map(f64::from),
     };
-    let _ = families;
-    let tree = LevelTree::new(image, &level_settings(&view, settings));
-    let places = candidates(&tree, image.width(), image.height(), &candidate_settings(settings));
-    let measured: Vec<(Candidate, Result<MeasuredDot, String>)> = places
+    let (dots, mut rejected) = find_dots(&view, settings);
+    let rings = read_rings(&view, &dots, families);
+    let kept = without_rings(&dots, &rings);
+    rejected.retain(|place| !inside_a_target(place.place_px, &dots, &rings));
+    let mut codes = Vec::new();
+    let mut place_of = vec![None; dots.len()];
+    for (place, &slot) in kept.iter().enumerate() {
+        place_of[slot] = Some(DotIndex(place as u32));
+    }
+    for (slot, outcome) in rings.into_iter().enumerate() {
+        let Some(place) = place_of[slot] else {
+            continue;
+        };
+        match outcome {
+            RingOutcome::Plain => {}
+            RingOutcome::Unreadable(reason) => {
+                rejected.push(Rejected { place_px: dots[slot].dot.centre_px, reason });
+            }
+            RingOutcome::Read(ring) => codes.push(CodeReading {
+                family: Family::Ring(ring.segments),
+                id: ring.id,
+                dots: vec![place],
+                misfit: ring.misfit,
+                doubt: ring.doubt,
+            }),
+        }
+    }
+    let dots: Vec<_> = kept.into_iter().map(|slot| dots[slot].dot.clone()).collect();
+    // Six-dot codes are read here from `dots`, where `families` asks for them.
+    codes.sort_by(|a, b| (a.family, a.id, &a.dots).cmp(&(b.family, b.id, &b.dots)));
+    mark_repeated(&mut codes);
+    Detections {
+        width_px: image.width() as u32,
+        height_px: image.height() as u32,
+        dots,
+        codes,
+        rejected,
+    }
+}
+
+/// Accepted dots by rows and columns, and what was refused.
+fn find_dots(view: &View, settings: &DetectSettings) -> (Vec<MeasuredDot>, Vec<Rejected>) {
+    let tree = LevelTree::new(view.image, &level_settings(view, settings));
+    let (width, height) = (view.image.width(), view.image.height());
+    let places = candidates(&tree, width, height, &candidate_settings(settings));
+    let measured: Vec<_> = places
         .into_par_iter()
-        .map(|place| (place, measure_dot(&view, &place, &settings.dots)))
+        .map(|place| (place, measure_dot(view, &place, &settings.dots)))
         .collect();
     let mut dots = Vec::new();
     let mut rejected = Vec::new();
@@ -52,17 +98,77 @@ pub fn detect(image: &GreyImage, families: &[Family], settings: &DetectSettings)
             Err(reason) => rejected.push(Rejected { place_px: place.ellipse.centre, reason }),
         }
     }
-    dots.sort_by(|a, b| {
-        (a.dot.centre_px.y, a.dot.centre_px.x)
-            .partial_cmp(&(b.dot.centre_px.y, b.dot.centre_px.x))
-            .unwrap_or(std::cmp::Ordering::Equal)
-    });
-    Detections {
-        width_px: image.width() as u32,
-        height_px: image.height() as u32,
-        dots: dots.into_iter().map(|measured| measured.dot).collect(),
-        codes: Vec::new(),
-        rejected,
+    dots.sort_by(|a, b| row_by_row(a.dot.centre_px, b.dot.centre_px));
+    (each_once(dots), rejected)
+}
+
+fn row_by_row(a: Vector2<f64>, b: Vector2<f64>) -> Ordering {
+    a.y.total_cmp(&b.y).then(a.x.total_cmp(&b.x))
+}
+
+/// Of dots that lie in one another only the one that fits best stays: one target may keep its shape over two
+/// separate stretches of levels. The dots are sorted by rows.
+fn each_once(dots: Vec<MeasuredDot>) -> Vec<MeasuredDot> {
+    let mut dropped = vec![false; dots.len()];
+    for (first, dot) in dots.iter().enumerate() {
+        for (second, other) in dots.iter().enumerate().skip(first + 1) {
+            let reach = dot.dot.major_px.max(other.dot.major_px);
+            if other.dot.centre_px.y - dot.dot.centre_px.y > reach {
+                break;
+            }
+            let nested = dot.ellipse.level(other.dot.centre_px) < 1.0
+                || other.ellipse.level(dot.dot.centre_px) < 1.0;
+            if nested && !dropped[first] && !dropped[second] {
+                let worse = if other.misfit < dot.misfit { first } else { second };
+                dropped[worse] = true;
+            }
+        }
+    }
+    dots.into_iter().zip(dropped).filter(|(_, dropped)| !dropped).map(|(dot, _)| dot).collect()
+}
+
+fn read_rings(view: &View, dots: &[MeasuredDot], families: &[Family]) -> Vec<RingOutcome> {
+    let mut segments: Vec<u8> = families
+        .iter()
+        .filter_map(|family| match family {
+            Family::Ring(segments) => Some(*segments),
+            Family::Dot420 => None,
+        })
+        .collect();
+    segments.sort_unstable();
+    segments.dedup();
+    dots.par_iter().map(|dot| read_ring(view, dot, &segments)).collect()
+}
+
+/// The dots without those that are segments of a ring that was read.
+fn without_rings(dots: &[MeasuredDot], rings: &[RingOutcome]) -> Vec<usize> {
+    (0..dots.len())
+        .filter(|&slot| !in_a_ring(dots[slot].dot.centre_px, slot, rings))
+        .collect()
+}
+
+fn in_a_ring(place: Vector2<f64>, own: usize, rings: &[RingOutcome]) -> bool {
+    /// Segments have their centres between the ring's edges.
+    const RING: std::ops::Range<f64> = 1.5..3.2;
+    rings.iter().enumerate().any(|(slot, outcome)| match outcome {
+        RingOutcome::Read(ring) => slot != own && RING.contains(&ring.frame.radius_at(place)),
+        _ => false,
+    })
+}
+
+fn inside_a_target(place: Vector2<f64>, dots: &[MeasuredDot], rings: &[RingOutcome]) -> bool {
+    dots.iter().any(|dot| dot.ellipse.level(place) < 1.0) || in_a_ring(place, usize::MAX, rings)
+}
+
+/// A code exists once: where it is read twice in a picture, either may be wrong.
+fn mark_repeated(codes: &mut [CodeReading]) {
+    for slot in 1..codes.len() {
+        let same = (codes[slot].family, codes[slot].id) == (codes[slot - 1].family, codes[slot - 1].id);
+        if same {
+            for code in &mut codes[slot - 1..=slot] {
+                code.doubt.get_or_insert_with(|| "read twice in this picture".into());
+            }
+        }
     }
 }
 
@@ -93,6 +199,7 @@ fn candidate_settings(settings: &DetectSettings) -> CandidateSettings {
     let area = |diameter: f64| std::f64::consts::FRAC_PI_4 * diameter * diameter;
     CandidateSettings {
         least_levels: 3,
+        least_levels_small: 5,
         least_area: (settings.dots.least_axes_ratio * area(settings.dots.smallest_px)).max(5.0),
         largest_area: area(settings.dots.largest_px),
     }

@@ -27,6 +27,8 @@ pub(super) struct Candidate {
 pub(super) struct CandidateSettings {
     /// Least number of levels over which the shape is kept.
     pub(super) least_levels: u32,
+    /// The same for components of few pixels: texture and noise make small bumps everywhere.
+    pub(super) least_levels_small: u32,
     /// Least area of the component half-way up, px.
     pub(super) least_area: f64,
     /// Largest area, px.
@@ -106,14 +108,16 @@ fn candidate(
 ) -> Option<Candidate> {
     let first = &nodes[*chain.first()? as usize];
     let last = &nodes[*chain.last()? as usize];
-    if (chain.len() as u32) < settings.least_levels {
-        return None;
-    }
     let half = 0.5 * (first.level + last.level);
     let middle = chain
         .iter()
         .map(|&slot| &nodes[slot as usize])
         .min_by(|a, b| (a.level - half).abs().total_cmp(&(b.level - half).abs()))?;
+    let small = middle.area < SMALL_AREA;
+    let least_levels = if small { settings.least_levels_small } else { settings.least_levels };
+    if (chain.len() as u32) < least_levels {
+        return None;
+    }
     let area = f64::from(middle.area);
     if area < settings.least_area || area > settings.largest_area {
         return None;

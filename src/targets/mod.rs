@@ -8,6 +8,7 @@ mod family;
 mod finding;
 mod fit;
 mod profile;
+mod ring;
 mod window;
 
 pub use detect::{DetectSettings, detect};
