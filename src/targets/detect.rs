@@ -99,7 +99,24 @@ fn find_dots(view: &View, settings: &DetectSettings) -> (Vec<MeasuredDot>, Vec<R
         }
     }
     dots.sort_by(|a, b| row_by_row(a.dot.centre_px, b.dot.centre_px));
-    (each_once(dots), rejected)
+    (without_faint_specks(each_once(dots)), rejected)
+}
+
+/// Small dots much fainter than the picture's targets are its texture.
+fn without_faint_specks(mut dots: Vec<MeasuredDot>) -> Vec<MeasuredDot> {
+    /// Product of the diameters below which a dot is a possible speck, px^2.
+    const SPECK: f64 = 40.0;
+    /// A speck has less than this share of the contrast of the targets.
+    const FAINT: f64 = 0.25;
+    let size = |measured: &MeasuredDot| measured.dot.major_px * measured.dot.minor_px;
+    let mut contrasts: Vec<f64> = dots.iter().map(|measured| measured.dot.contrast).collect();
+    contrasts.sort_by(f64::total_cmp);
+    // The brighter dots are targets even where specks are many.
+    let Some(&bright) = contrasts.get(contrasts.len() * 9 / 10) else {
+        return dots;
+    };
+    dots.retain(|measured| size(measured) > SPECK || measured.dot.contrast > FAINT * bright);
+    dots
 }
 
 fn row_by_row(a: Vector2<f64>, b: Vector2<f64>) -> Ordering {
@@ -200,6 +217,7 @@ fn candidate_settings(settings: &DetectSettings) -> CandidateSettings {
     CandidateSettings {
         least_levels: 3,
         least_levels_small: 5,
+        least_levels_bump: 9,
         least_area: (settings.dots.least_axes_ratio * area(settings.dots.smallest_px)).max(5.0),
         largest_area: area(settings.dots.largest_px),
     }

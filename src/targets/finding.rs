@@ -27,8 +27,10 @@ pub(super) struct Candidate {
 pub(super) struct CandidateSettings {
     /// Least number of levels over which the shape is kept.
     pub(super) least_levels: u32,
-    /// The same for components of few pixels: texture and noise make small bumps everywhere.
+    /// The same for components of few pixels that stand alone above the noise.
     pub(super) least_levels_small: u32,
+    /// The same for components of few pixels that stand on something bright: texture makes small bumps everywhere.
+    pub(super) least_levels_bump: u32,
     /// Least area of the component half-way up, px.
     pub(super) least_area: f64,
     /// Largest area, px.
@@ -114,7 +116,11 @@ fn candidate(
         .map(|&slot| &nodes[slot as usize])
         .min_by(|a, b| (a.level - half).abs().total_cmp(&(b.level - half).abs()))?;
     let small = middle.area < SMALL_AREA;
-    let least_levels = if small { settings.least_levels_small } else { settings.least_levels };
+    let least_levels = match (small, first.parent) {
+        (false, _) => settings.least_levels,
+        (true, None) => settings.least_levels_small,
+        (true, Some(_)) => settings.least_levels_bump,
+    };
     if (chain.len() as u32) < least_levels {
         return None;
     }
