@@ -4,6 +4,7 @@ pub mod adjustment;
 pub mod camera;
 pub mod geometry;
 pub mod matching;
+pub mod imaging;
 pub mod monitor;
 pub mod network;
 pub mod synthetic;

@@ -1,0 +1,24 @@
+//! Pictures: grey values in memory, reading them from files, their noise, and their level sets.
+//!
+//! Segmentation does not choose one threshold. [`LevelTree`] cuts the picture at some twenty grey levels in geometric
+//! progression and keeps the connected components of every level with the component of the level below that holds
+//! them: a coarse component tree, the structure behind maximally stable extremal regions (Matas, Chum, Urban and
+//! Pajdla, 2002). A target is a component that keeps its shape over several levels, so neither a flash hot spot nor
+//! a textured panel nor the neighbouring targets can spoil "the" local background: none is estimated here. Components
+//! are found by run lengths and union-find, a level inside the runs of the level below, so dark pictures cost one
+//! scan.
+//!
+//! The noise is the robust spread (Rousseeuw and Croux's 1.4826 times the median absolute value) of the second
+//! differences of neighbouring pixels.
+//!
+//! Invariant: only `load` touches files; orientation tags never turn coordinates.
+
+mod grey;
+mod levels;
+mod load;
+mod noise;
+
+pub use grey::{BitDepth, GreyImage, WrongSampleCount};
+pub use levels::{LevelNode, LevelSettings, LevelTree};
+pub use load::{LoadError, LoadSettings, Picture, PictureMeta, load_picture, read_meta};
+pub use noise::noise_level;

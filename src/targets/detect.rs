@@ -1,0 +1,224 @@
+//! Detection in one picture: dots, then codes among them.
+
+use std::cmp::Ordering;
+
+use nalgebra::Vector2;
+use rayon::prelude::*;
+
+use super::dot::{DotSettings, MeasuredDot, View, measure_dot};
+use super::finding::{CandidateSettings, candidates};
+use super::ring::{RingOutcome, read_ring};
+use super::{CodeReading, Detections, DotIndex, Family, Rejected};
+use crate::imaging::{GreyImage, LevelSettings, LevelTree, noise_level};
+
+/// How targets are detected.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DetectSettings {
+    /// What is accepted as a dot.
+    pub dots: DotSettings,
+    /// Ratio of neighbouring grey levels at which the picture is cut: smaller finds dots of less contrast on a bright
+    /// background and takes longer. Default 1.2.
+    pub level_ratio: f64,
+    /// Least height of a target above black as a share of the brightest grey value's. Default 0.02.
+    pub least_height: f64,
+}
+
+impl Default for DetectSettings {
+    fn default() -> Self {
+        Self {
+            dots: DotSettings::default(),
+            level_ratio: 1.2,
+            least_height: 0.02,
+        }
+    }
+}
+
+/// Detects the light targets of a picture, and reads the codes of the given families.
+#[must_use]
+pub fn detect(image: &GreyImage, families: &[Family], settings: &DetectSettings) -> Detections {
+    let view = View {
+        image,
+        noise: noise_level(image),
+        clipping: image.clipping().map(f64::from),
+    };
+    let (dots, mut rejected) = find_dots(&view, settings);
+    let rings = read_rings(&view, &dots, families);
+    let kept = without_rings(&dots, &rings);
+    rejected.retain(|place| !inside_a_target(place.place_px, &dots, &rings));
+    let mut codes = Vec::new();
+    let mut place_of = vec![None; dots.len()];
+    for (place, &slot) in kept.iter().enumerate() {
+        place_of[slot] = Some(DotIndex(place as u32));
+    }
+    for (slot, outcome) in rings.into_iter().enumerate() {
+        let Some(place) = place_of[slot] else {
+            continue;
+        };
+        match outcome {
+            RingOutcome::Plain => {}
+            RingOutcome::Unreadable(reason) => {
+                rejected.push(Rejected { place_px: dots[slot].dot.centre_px, reason });
+            }
+            RingOutcome::Read(ring) => codes.push(CodeReading {
+                family: Family::Ring(ring.segments),
+                id: ring.id,
+                dots: vec![place],
+                misfit: ring.misfit,
+                doubt: ring.doubt,
+            }),
+        }
+    }
+    let dots: Vec<_> = kept.into_iter().map(|slot| dots[slot].dot.clone()).collect();
+    // Six-dot codes are read here from `dots`, where `families` asks for them.
+    codes.sort_by(|a, b| (a.family, a.id, &a.dots).cmp(&(b.family, b.id, &b.dots)));
+    mark_repeated(&mut codes);
+    Detections {
+        width_px: image.width() as u32,
+        height_px: image.height() as u32,
+        dots,
+        codes,
+        rejected,
+    }
+}
+
+/// Accepted dots by rows and columns, and what was refused.
+fn find_dots(view: &View, settings: &DetectSettings) -> (Vec<MeasuredDot>, Vec<Rejected>) {
+    let tree = LevelTree::new(view.image, &level_settings(view, settings));
+    let (width, height) = (view.image.width(), view.image.height());
+    let places = candidates(&tree, width, height, &candidate_settings(settings));
+    let measured: Vec<_> = places
+        .into_par_iter()
+        .map(|place| (place, measure_dot(view, &place, &settings.dots)))
+        .collect();
+    let mut dots = Vec::new();
+    let mut rejected = Vec::new();
+    for (place, outcome) in measured {
+        match outcome {
+            Ok(dot) => dots.push(dot),
+            Err(reason) => rejected.push(Rejected { place_px: place.ellipse.centre, reason }),
+        }
+    }
+    dots.sort_by(|a, b| row_by_row(a.dot.centre_px, b.dot.centre_px));
+    (without_faint_specks(each_once(dots)), rejected)
+}
+
+/// Small dots much fainter than the picture's targets are its texture.
+fn without_faint_specks(mut dots: Vec<MeasuredDot>) -> Vec<MeasuredDot> {
+    /// Product of the diameters below which a dot is a possible speck, px^2.
+    const SPECK: f64 = 40.0;
+    /// A speck has less than this share of the contrast of the targets.
+    const FAINT: f64 = 0.25;
+    let size = |measured: &MeasuredDot| measured.dot.major_px * measured.dot.minor_px;
+    let mut contrasts: Vec<f64> = dots.iter().map(|measured| measured.dot.contrast).collect();
+    contrasts.sort_by(f64::total_cmp);
+    // The brighter dots are targets even where specks are many.
+    let Some(&bright) = contrasts.get(contrasts.len() * 9 / 10) else {
+        return dots;
+    };
+    dots.retain(|measured| size(measured) > SPECK || measured.dot.contrast > FAINT * bright);
+    dots
+}
+
+fn row_by_row(a: Vector2<f64>, b: Vector2<f64>) -> Ordering {
+    a.y.total_cmp(&b.y).then(a.x.total_cmp(&b.x))
+}
+
+/// Of dots that lie in one another only the one that fits best stays: one target may keep its shape over two
+/// separate stretches of levels. The dots are sorted by rows.
+fn each_once(dots: Vec<MeasuredDot>) -> Vec<MeasuredDot> {
+    let mut dropped = vec![false; dots.len()];
+    for (first, dot) in dots.iter().enumerate() {
+        for (second, other) in dots.iter().enumerate().skip(first + 1) {
+            let reach = dot.dot.major_px.max(other.dot.major_px);
+            if other.dot.centre_px.y - dot.dot.centre_px.y > reach {
+                break;
+            }
+            let nested = dot.ellipse.level(other.dot.centre_px) < 1.0
+                || other.ellipse.level(dot.dot.centre_px) < 1.0;
+            if nested && !dropped[first] && !dropped[second] {
+                let worse = if other.misfit < dot.misfit { first } else { second };
+                dropped[worse] = true;
+            }
+        }
+    }
+    dots.into_iter().zip(dropped).filter(|(_, dropped)| !dropped).map(|(dot, _)| dot).collect()
+}
+
+fn read_rings(view: &View, dots: &[MeasuredDot], families: &[Family]) -> Vec<RingOutcome> {
+    let mut segments: Vec<u8> = families
+        .iter()
+        .filter_map(|family| match family {
+            Family::Ring(segments) => Some(*segments),
+            Family::Dot420 => None,
+        })
+        .collect();
+    segments.sort_unstable();
+    segments.dedup();
+    dots.par_iter().map(|dot| read_ring(view, dot, &segments)).collect()
+}
+
+/// The dots without those that are segments of a ring that was read.
+fn without_rings(dots: &[MeasuredDot], rings: &[RingOutcome]) -> Vec<usize> {
+    (0..dots.len())
+        .filter(|&slot| !in_a_ring(dots[slot].dot.centre_px, slot, rings))
+        .collect()
+}
+
+fn in_a_ring(place: Vector2<f64>, own: usize, rings: &[RingOutcome]) -> bool {
+    /// Segments have their centres between the ring's edges.
+    const RING: std::ops::Range<f64> = 1.5..3.2;
+    rings.iter().enumerate().any(|(slot, outcome)| match outcome {
+        RingOutcome::Read(ring) => slot != own && RING.contains(&ring.frame.radius_at(place)),
+        _ => false,
+    })
+}
+
+fn inside_a_target(place: Vector2<f64>, dots: &[MeasuredDot], rings: &[RingOutcome]) -> bool {
+    dots.iter().any(|dot| dot.ellipse.level(place) < 1.0) || in_a_ring(place, usize::MAX, rings)
+}
+
+/// A code exists once: where it is read twice in a picture, either may be wrong.
+fn mark_repeated(codes: &mut [CodeReading]) {
+    for slot in 1..codes.len() {
+        let same = (codes[slot].family, codes[slot].id) == (codes[slot - 1].family, codes[slot - 1].id);
+        if same {
+            for code in &mut codes[slot - 1..=slot] {
+                code.doubt.get_or_insert_with(|| "read twice in this picture".into());
+            }
+        }
+    }
+}
+
+fn level_settings(view: &View, settings: &DetectSettings) -> LevelSettings {
+    let black = dark_level(view.image);
+    let brightest = f64::from(view.image.brightest());
+    LevelSettings {
+        black,
+        first: (5.0 * view.noise).max(settings.least_height * (brightest - black)).max(1.0),
+        ratio: settings.level_ratio,
+        least_area: 4,
+    }
+}
+
+/// The grey value that a twentieth of the picture does not exceed.
+fn dark_level(image: &GreyImage) -> f64 {
+    const STRIDE: usize = 61;
+    let mut greys: Vec<u16> = image.samples().iter().copied().step_by(STRIDE).collect();
+    if greys.is_empty() {
+        return 0.0;
+    }
+    let place = greys.len() / 20;
+    let (_, &mut grey, _) = greys.select_nth_unstable(place);
+    f64::from(grey)
+}
+
+fn candidate_settings(settings: &DetectSettings) -> CandidateSettings {
+    let area = |diameter: f64| std::f64::consts::FRAC_PI_4 * diameter * diameter;
+    CandidateSettings {
+        least_levels: 3,
+        least_levels_small: 5,
+        least_levels_bump: 9,
+        least_area: (settings.dots.least_axes_ratio * area(settings.dots.smallest_px)).max(5.0),
+        largest_area: area(settings.dots.largest_px),
+    }
+}

@@ -1,0 +1,217 @@
+//! Measuring one dot: centre, true sigma, ellipse, contrast.
+
+use nalgebra::Vector2;
+
+use super::Dot;
+use super::ellipse::Ellipse;
+use super::finding::Candidate;
+use super::fit::{Amplitude, Fit, drop_foreign, fit};
+use super::profile::Profile;
+use super::window::{Pixel, WindowSettings, pixels_of};
+use crate::imaging::GreyImage;
+
+/// What is accepted as the image of a round target.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DotSettings {
+    /// Smallest larger diameter, px: below it a dot is not told from a glint. Default 3.5.
+    pub smallest_px: f64,
+    /// Largest larger diameter, px. Default 150.
+    pub largest_px: f64,
+    /// Least ratio of the diameters: the cosine of the incidence angle. Default 0.2 (78 degrees).
+    pub least_axes_ratio: f64,
+    /// Least contrast as a multiple of the noise. Default 8.
+    pub least_signal_to_noise: f64,
+    /// Largest root mean square misfit of the dot and its edge beyond the noise, as a share of the contrast:
+    /// rejects what is partly covered or not elliptic. Default 0.06.
+    pub largest_misfit: f64,
+    /// Largest standard deviation of the edge's blur as a share of the geometric mean diameter. Default 0.5.
+    pub largest_blur: f64,
+}
+
+impl Default for DotSettings {
+    fn default() -> Self {
+        Self {
+            smallest_px: 3.5,
+            largest_px: 150.0,
+            least_axes_ratio: 0.2,
+            least_signal_to_noise: 8.0,
+            largest_misfit: 0.06,
+            largest_blur: 0.5,
+        }
+    }
+}
+
+/// The picture and what is known of its grey values.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct View<'a> {
+    pub(super) image: &'a GreyImage,
+    /// Standard deviation of the noise, grey values.
+    pub(super) noise: f64,
+    /// Grey value at which the picture clips.
+    pub(super) clipping: Option<f64>,
+}
+
+/// An accepted dot with what its fit knows beyond [`Dot`].
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct MeasuredDot {
+    pub(super) dot: Dot,
+    pub(super) ellipse: Ellipse,
+    /// Standard deviation of the edge's blur, px.
+    pub(super) blur: f64,
+    /// Misfit beyond the noise as a share of the contrast.
+    pub(super) misfit: f64,
+}
+
+/// Half the width of the window round the first guess beyond the dot's edge, px.
+const FIRST_MARGIN: f64 = 4.0;
+/// First guess of the blur, px: that of a sharp lens on whole pixels.
+const FIRST_BLUR: f64 = 0.8;
+/// The window reaches no farther than this from the edge, px.
+const LARGEST_MARGIN: f64 = 12.0;
+/// Least share of the ring round the dot that must be free background.
+const LEAST_FREE_PIXELS: usize = 12;
+
+/// Measures a candidate.
+///
+/// # Errors
+/// The reason why it is no target, in the operator's words.
+pub(super) fn measure_dot(view: &View, candidate: &Candidate, settings: &DotSettings) -> Result<MeasuredDot, String> {
+    if candidate.at_border {
+        return Err("cut off at the picture's border".into());
+    }
+    let origin = candidate.ellipse.centre;
+    let first = first_fit(view, candidate, origin).ok_or("no ellipse can be fitted")?;
+    plausible(candidate, &first)?;
+    let second = second_fit(view, candidate, origin, &first).ok_or("no ellipse can be fitted")?;
+    plausible(candidate, &second)?;
+    judged(view, candidate, origin, &second, settings)
+}
+
+fn first_fit(view: &View, candidate: &Candidate, origin: Vector2<f64>) -> Option<Fit> {
+    let ellipse = Ellipse { centre: Vector2::zeros(), ..candidate.ellipse };
+    let guess = Profile::new(&ellipse, FIRST_BLUR, 0.0, 1.0);
+    let window = WindowSettings { origin, level: candidate.level, margin: FIRST_MARGIN, guard: 2.3 };
+    let pixels = pixels_of(view.image, &guess, &window);
+    let (background, amplitude) = first_grey_values(&pixels, &guess)?;
+    let start = Profile::new(&ellipse, FIRST_BLUR, background, amplitude);
+    fit(&pixels, start, Amplitude::Even, view.clipping)
+}
+
+/// Background and amplitude from the pixels off the edge; `None` where too few of either are seen.
+fn first_grey_values(pixels: &[Pixel], guess: &Profile) -> Option<(f64, f64)> {
+    let ellipse = guess.ellipse();
+    let greys = |keep: &dyn Fn(&Pixel) -> bool| {
+        let mut greys: Vec<f64> = pixels.iter().filter(|p| keep(p)).map(|p| p.grey).collect();
+        greys.sort_by(f64::total_cmp);
+        greys
+    };
+    let outside = greys(&|p| guess.distance(p.place) < -1.5);
+    let inside = greys(&|p| ellipse.level(p.place) < 0.75);
+    if outside.len() < LEAST_FREE_PIXELS || inside.is_empty() {
+        return None;
+    }
+    let background = outside[outside.len() / 2];
+    let top = inside[inside.len() * 3 / 4];
+    (top > background).then_some((background, top - background))
+}
+
+fn second_fit(view: &View, candidate: &Candidate, origin: Vector2<f64>, first: &Fit) -> Option<Fit> {
+    /// A slope of the amplitude is told from a shift when the dot's core is this many blurs wide.
+    const CORE_FOR_SLOPE: f64 = 5.0;
+    let blur = first.profile.blur();
+    let window = WindowSettings {
+        origin,
+        level: candidate.level,
+        margin: (3.5 * blur + 1.5).clamp(3.0, LARGEST_MARGIN),
+        guard: (2.2 * blur + 0.7).clamp(2.0, 6.0),
+    };
+    let mut pixels = pixels_of(view.image, &first.profile, &window);
+    drop_foreign(&mut pixels, first, view.noise);
+    let minor = first.profile.ellipse().axes()?.minor;
+    let even = fit(&pixels, first.profile, Amplitude::Even, view.clipping)?;
+    if minor < CORE_FOR_SLOPE * even.profile.blur() {
+        return Some(even);
+    }
+    let sloping = fit(&pixels, even.profile, Amplitude::Sloping, view.clipping);
+    match sloping {
+        Some(sloping) if slope_is_real(&even, &sloping, pixels.len()) => Some(sloping),
+        _ => Some(even),
+    }
+}
+
+/// Whether two more parameters explain more than noise would let them (F test, far beyond its one per mille point).
+fn slope_is_real(even: &Fit, sloping: &Fit, pixels: usize) -> bool {
+    const LEAST_F: f64 = 10.0;
+    let freedom = pixels as f64 - 12.0;
+    let before = even.residual.powi(2) * (freedom + 2.0);
+    let after = sloping.residual.powi(2) * freedom;
+    (before - after) / 2.0 > LEAST_F * after / freedom
+}
+
+/// Stops fits that left their candidate.
+fn plausible(candidate: &Candidate, fit: &Fit) -> Result<(), String> {
+    let ellipse = fit.profile.ellipse();
+    let (Some(found), Some(expected)) = (ellipse.axes(), candidate.ellipse.axes()) else {
+        return Err("no ellipse can be fitted".into());
+    };
+    let areas = (found.major * found.minor) / (expected.major * expected.minor);
+    let moved = candidate.ellipse.level(candidate.ellipse.centre + ellipse.centre);
+    if !(0.4..2.5).contains(&areas) || moved > 0.5 || fit.profile.amplitude() <= 0.0 {
+        return Err("its outline is no ellipse".into());
+    }
+    Ok(())
+}
+
+fn judged(
+    view: &View,
+    candidate: &Candidate,
+    origin: Vector2<f64>,
+    fit: &Fit,
+    settings: &DotSettings,
+) -> Result<MeasuredDot, String> {
+    let profile = &fit.profile;
+    let local = profile.ellipse();
+    let ellipse = Ellipse { centre: origin + local.centre, ..local };
+    let axes = ellipse.axes().ok_or("no ellipse can be fitted")?;
+    let contrast = profile.amplitude();
+    let misfit = (fit.dot_residual.powi(2) - view.noise.powi(2)).max(0.0).sqrt() / contrast;
+    let (major_px, minor_px) = (2.0 * axes.major, 2.0 * axes.minor);
+    let _ = candidate;
+    let reach = ellipse.half_extent().add_scalar(1.5 * profile.blur());
+    let (low, high) = (ellipse.centre - reach, ellipse.centre + reach);
+    if low.x < 0.0 || low.y < 0.0 || high.x > view.image.width() as f64 || high.y > view.image.height() as f64 {
+        return Err("cut off at the picture's border".into());
+    }
+    if major_px < settings.smallest_px {
+        return Err(format!("too small: {major_px:.1} px"));
+    }
+    if major_px > settings.largest_px {
+        return Err(format!("too large: {major_px:.0} px"));
+    }
+    if minor_px < settings.least_axes_ratio * major_px {
+        return Err(format!("seen too obliquely: {major_px:.1} x {minor_px:.1} px"));
+    }
+    if contrast < settings.least_signal_to_noise * view.noise {
+        return Err(format!("too faint: {contrast:.1} grey values over noise of {:.1}", view.noise));
+    }
+    if profile.blur() > settings.largest_blur * (major_px * minor_px).sqrt() {
+        return Err(format!("blurred: edge of {:.1} px", profile.blur()));
+    }
+    if misfit > settings.largest_misfit {
+        return Err(format!("partly covered or not round: misfit {:.0} % of its contrast", 100.0 * misfit));
+    }
+    Ok(MeasuredDot {
+        dot: Dot {
+            centre_px: ellipse.centre,
+            sigma_px: fit.sigma_px,
+            major_px,
+            minor_px,
+            angle: axes.angle,
+            contrast,
+            background: profile.background(),
+        },
+        ellipse,
+        blur: profile.blur(),
+        misfit,
+    })
+}

@@ -1,0 +1,235 @@
+//! Least-squares fit of a dot's profile by Levenberg-Marquardt steps.
+
+use nalgebra::{SMatrix, Vector2};
+
+use super::profile::{BLUR, PARAMETERS, Parameters, Profile, Zone};
+use super::window::Pixel;
+
+type Normal = SMatrix<f64, PARAMETERS, PARAMETERS>;
+
+/// Which parameters a fit may move.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Amplitude {
+    /// The same all over the dot: for dots of few pixels, where a slope cannot be told from a shift.
+    Even,
+    /// With a slope: light falls off across the dot.
+    Sloping,
+}
+
+impl Amplitude {
+    fn active(self) -> usize {
+        match self {
+            Amplitude::Even => PARAMETERS - 2,
+            Amplitude::Sloping => PARAMETERS,
+        }
+    }
+}
+
+/// A fitted profile and how well it fits.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Fit {
+    pub(super) profile: Profile,
+    /// Standard error of the centre, rms over x and y, px: from the residuals where the centre takes its information.
+    pub(super) sigma_px: f64,
+    /// Root mean square residual of all pixels, with their redundancy.
+    pub(super) residual: f64,
+    /// The same over the dot and its edge.
+    pub(super) dot_residual: f64,
+}
+
+/// The profile is as narrow as a pixel's own width at least (1/sqrt(12) px), less a little.
+const LEAST_BLUR: f64 = 0.27;
+const MOST_STEPS: usize = 40;
+/// The centre has come to rest when it moves less than this, px.
+const AT_REST: f64 = 2e-5;
+
+struct Equations {
+    normal: Normal,
+    right: Parameters,
+    cost: f64,
+}
+
+/// Fits the profile to the pixels; `None` where no dot's profile can be fitted. Pixels at or above `clipping` only
+/// say that the dot is at least as bright.
+pub(super) fn fit(pixels: &[Pixel], start: Profile, amplitude: Amplitude, clipping: Option<f64>) -> Option<Fit> {
+    let mut profile = start;
+    let mut equations = build(pixels, &profile, amplitude, clipping);
+    let mut damping = 1e-3;
+    let mut steps = 0;
+    loop {
+        steps += 1;
+        if steps > MOST_STEPS {
+            return None;
+        }
+        let step = solve(&equations, damping)?;
+        let mut next = profile;
+        next.parameters += step;
+        next.parameters[BLUR] = next.parameters[BLUR].max(LEAST_BLUR);
+        let tried = next.ellipse().axes().map(|_| build(pixels, &next, amplitude, clipping));
+        match tried {
+            Some(tried) if tried.cost <= equations.cost => {
+                let gain = equations.cost - tried.cost;
+                profile = next;
+                let small_gain = gain <= 1e-6 * tried.cost;
+                equations = tried;
+                damping *= 0.1;
+                if step[0].hypot(step[1]) < AT_REST || (small_gain && step[0].hypot(step[1]) < 50.0 * AT_REST) {
+                    break;
+                }
+            }
+            _ => {
+                if step[0].hypot(step[1]) < AT_REST {
+                    break;
+                }
+                damping = (damping * 10.0).max(1e-6);
+                if damping > 1e8 {
+                    return None;
+                }
+            }
+        }
+    }
+    statistics(pixels, profile, &equations, amplitude, clipping)
+}
+
+/// Parameters that a pixel of the zone tells of.
+fn span(zone: Zone) -> std::ops::Range<usize> {
+    match zone {
+        Zone::Outside => 6..9,
+        Zone::Edge => 0..PARAMETERS,
+        Zone::Inside => 6..PARAMETERS,
+    }
+}
+
+fn is_clipped(grey: f64, model: f64, clipping: Option<f64>) -> bool {
+    clipping.is_some_and(|white| grey >= white && model >= white)
+}
+
+fn build(pixels: &[Pixel], profile: &Profile, amplitude: Amplitude, clipping: Option<f64>) -> Equations {
+    let mut normal = [[0.0; PARAMETERS]; PARAMETERS];
+    let mut right = [0.0; PARAMETERS];
+    let mut cost = 0.0;
+    for pixel in pixels {
+        let sample = profile.sample(pixel.place);
+        if is_clipped(pixel.grey, sample.value, clipping) {
+            continue;
+        }
+        let misfit = pixel.grey - sample.value;
+        cost += misfit * misfit;
+        for i in span(sample.zone) {
+            let by_i = sample.derivatives[i];
+            right[i] += by_i * misfit;
+            for j in span(sample.zone).start..=i {
+                normal[i][j] += by_i * sample.derivatives[j];
+            }
+        }
+    }
+    let active = amplitude.active();
+    let normal = Normal::from_fn(|i, j| {
+        if i.max(j) >= active {
+            f64::from(u8::from(i == j))
+        } else {
+            normal[i.max(j)][i.min(j)]
+        }
+    });
+    let right = Parameters::from_fn(|i, _| if i < active { right[i] } else { 0.0 });
+    Equations { normal, right, cost }
+}
+
+/// The step of the damped equations, scaled to unit diagonal.
+fn solve(equations: &Equations, damping: f64) -> Option<Parameters> {
+    let scale = unit_scale(&equations.normal)?;
+    let mut scaled = Normal::from_fn(|i, j| equations.normal[(i, j)] * scale[i] * scale[j]);
+    for i in 0..PARAMETERS {
+        scaled[(i, i)] += damping;
+    }
+    let right = equations.right.component_mul(&scale);
+    let step = scaled.cholesky()?.solve(&right).component_mul(&scale);
+    step.iter().all(|value| value.is_finite()).then_some(step)
+}
+
+fn unit_scale(normal: &Normal) -> Option<Parameters> {
+    let diagonal = normal.diagonal();
+    diagonal.iter().all(|&value| value > 0.0).then(|| diagonal.map(|value| value.sqrt().recip()))
+}
+
+/// Variance of the centre with the residuals in place of an assumed noise (White, 1980, in the form HC2 of MacKinnon
+/// and White, 1985: squared residuals divided by their redundancy): a bright dot is noisier than its background, and a textured
+/// background says nothing of the edge.
+fn statistics(
+    pixels: &[Pixel],
+    profile: Profile,
+    equations: &Equations,
+    amplitude: Amplitude,
+    clipping: Option<f64>,
+) -> Option<Fit> {
+    /// Variance of rounding to whole grey values.
+    const ROUNDING: f64 = 1.0 / 12.0;
+    let scale = unit_scale(&equations.normal)?;
+    let scaled = Normal::from_fn(|i, j| equations.normal[(i, j)] * scale[i] * scale[j]);
+    let cofactor = scaled.cholesky()?.inverse();
+    let cofactor = Normal::from_fn(|i, j| cofactor[(i, j)] * scale[i] * scale[j]);
+    let mut variance = [0.0; 2];
+    let (mut used, mut squares) = (0.0, 0.0);
+    let (mut dot_redundancy, mut dot_squares) = (0.0, 0.0);
+    for pixel in pixels {
+        let sample = profile.sample(pixel.place);
+        if is_clipped(pixel.grey, sample.value, clipping) {
+            continue;
+        }
+        let square = (pixel.grey - sample.value).powi(2);
+        used += 1.0;
+        squares += square;
+        if sample.zone == Zone::Outside {
+            continue;
+        }
+        let span = span(sample.zone);
+        let mut projected = Parameters::zeros();
+        let mut leverage = 0.0;
+        for i in 0..PARAMETERS {
+            projected[i] = span.clone().map(|j| cofactor[(i, j)] * sample.derivatives[j]).sum();
+            if span.contains(&i) {
+                leverage += sample.derivatives[i] * projected[i];
+            }
+        }
+        let redundancy = (1.0 - leverage).max(0.05);
+        dot_redundancy += redundancy;
+        dot_squares += square;
+        for (sum, by_pixel) in variance.iter_mut().zip([projected[0], projected[1]]) {
+            *sum += by_pixel * by_pixel * square / redundancy;
+        }
+    }
+    let freedom = used - amplitude.active() as f64;
+    if freedom < 5.0 || dot_redundancy <= 0.0 {
+        return None;
+    }
+    let floor = [cofactor[(0, 0)] * ROUNDING, cofactor[(1, 1)] * ROUNDING];
+    let mean = 0.5 * (variance[0].max(floor[0]) + variance[1].max(floor[1]));
+    Some(Fit {
+        profile,
+        sigma_px: mean.sqrt(),
+        residual: (squares / freedom).sqrt(),
+        dot_residual: (dot_squares / dot_redundancy).sqrt(),
+    })
+}
+
+/// Drops background pixels that the fit cannot explain: text, scratches, faint neighbours. Pixels of the dot and its
+/// edge stay, because a dot that does not fit must be seen not to fit.
+pub(super) fn drop_foreign(pixels: &mut Vec<Pixel>, fit: &Fit, noise: f64) {
+    const LARGEST: f64 = 4.0;
+    let profile = &fit.profile;
+    let off_edge = |place: Vector2<f64>| profile.distance(place) < -2.5 * profile.blur();
+    let mut sizes: Vec<f64> = pixels
+        .iter()
+        .filter(|pixel| off_edge(pixel.place))
+        .map(|pixel| (pixel.grey - profile.value(pixel.place)).abs())
+        .collect();
+    if sizes.is_empty() {
+        return;
+    }
+    let half = sizes.len() / 2;
+    let (_, &mut median, _) = sizes.select_nth_unstable_by(half, f64::total_cmp);
+    let limit = LARGEST * (1.4826 * median).max(noise);
+    pixels.retain(|pixel| {
+        !off_edge(pixel.place) || (pixel.grey - profile.value(pixel.place)).abs() <= limit
+    });
+}
