@@ -3,4 +3,5 @@
 pub mod camera;
 pub mod geometry;
 pub mod monitor;
+pub mod orientation;
 pub mod targets;
