@@ -24,7 +24,9 @@ pub enum HomographyError {
         found: usize,
     },
     /// Three of four points lie on a line, or points coincide: the homography is not determined.
-    #[error("the points do not determine a homography: rank {rank} of 8 (too many lie on one line)")]
+    #[error(
+        "the points do not determine a homography: rank {rank} of 8 (too many lie on one line)"
+    )]
     Degenerate {
         /// Rank of the design matrix.
         rank: usize,
@@ -72,10 +74,24 @@ pub fn apply_homography(homography: &Matrix3<f64>, point: &Vector2<f64>) -> Vect
 fn normalisation(points: &[Vector2<f64>]) -> Option<Matrix3<f64>> {
     let n = points.len() as f64;
     let centre = points.iter().sum::<Vector2<f64>>() / n;
-    let mean = points.iter().map(|p| (p - centre).norm_squared()).sum::<f64>() / n;
+    let mean = points
+        .iter()
+        .map(|p| (p - centre).norm_squared())
+        .sum::<f64>()
+        / n;
     let scale = (2.0 / mean).sqrt();
     (scale.is_finite() && centre.norm().is_finite()).then(|| {
-        Matrix3::new(scale, 0.0, -scale * centre.x, 0.0, scale, -scale * centre.y, 0.0, 0.0, 1.0)
+        Matrix3::new(
+            scale,
+            0.0,
+            -scale * centre.x,
+            0.0,
+            scale,
+            -scale * centre.y,
+            0.0,
+            0.0,
+            1.0,
+        )
     })
 }
 
@@ -94,7 +110,11 @@ fn linear_homography(pairs: &[PlanePair]) -> Result<Matrix3<f64>, HomographyErro
     }
     let svd = design.svd(false, true);
     let largest = svd.singular_values[0];
-    let rank = svd.singular_values.iter().filter(|s| **s > RANK_TOLERANCE * largest).count();
+    let rank = svd
+        .singular_values
+        .iter()
+        .filter(|s| **s > RANK_TOLERANCE * largest)
+        .count();
     match svd.v_t {
         Some(v_t) if rank >= 8 => {
             let h = Matrix3::from_iterator(v_t.row(8).iter().copied()).transpose();
@@ -111,11 +131,22 @@ fn linear_homography(pairs: &[PlanePair]) -> Result<Matrix3<f64>, HomographyErro
 
 /// Gauss-Newton over the eight entries other than the largest, as long as the distances shrink.
 fn refine(start: Matrix3<f64>, pairs: &[PlanePair]) -> Matrix3<f64> {
-    let fixed = start.transpose().iter().enumerate().fold(0, |best, (k, value)| {
-        if value.abs() > start[(best / 3, best % 3)].abs() { k } else { best }
-    });
+    let fixed = start
+        .transpose()
+        .iter()
+        .enumerate()
+        .fold(0, |best, (k, value)| {
+            if value.abs() > start[(best / 3, best % 3)].abs() {
+                k
+            } else {
+                best
+            }
+        });
     let cost = |h: &Matrix3<f64>| -> f64 {
-        pairs.iter().map(|p| (apply_homography(h, &p.source) - p.target).norm_squared()).sum()
+        pairs
+            .iter()
+            .map(|p| (apply_homography(h, &p.source) - p.target).norm_squared())
+            .sum()
     };
     let (mut h, mut least) = (start, cost(&start));
     for _ in 0..10 {
@@ -142,7 +173,9 @@ fn refine(start: Matrix3<f64>, pairs: &[PlanePair]) -> Matrix3<f64> {
                 right -= row * residual;
             }
         }
-        let Some(factor) = normal.cholesky() else { break };
+        let Some(factor) = normal.cholesky() else {
+            break;
+        };
         let step: DVector<f64> = DVector::from_column_slice(factor.solve(&right).as_slice());
         let mut moved = h;
         for k in (0..9).filter(|&k| k != fixed) {
@@ -174,7 +207,14 @@ mod tests {
         sources.iter().map(pair).collect()
     }
 
-    const SQUARE: [[f64; 2]; 6] = [[0.0, 0.0], [100.0, 0.0], [100.0, 80.0], [0.0, 90.0], [40.0, 30.0], [20.0, 70.0]];
+    const SQUARE: [[f64; 2]; 6] = [
+        [0.0, 0.0],
+        [100.0, 0.0],
+        [100.0, 80.0],
+        [0.0, 90.0],
+        [40.0, 30.0],
+        [20.0, 70.0],
+    ];
 
     proptest! {
         #[test]
@@ -193,11 +233,20 @@ mod tests {
     fn points_on_a_line_are_refused() {
         let h = Matrix3::identity();
         let line = [[0.0, 0.0], [1.0, 1.0], [2.0, 2.0], [3.0, 3.0], [4.0, 4.0]];
-        assert!(matches!(fit_homography(&pairs(&h, &line)), Err(HomographyError::Degenerate { .. })));
+        assert!(matches!(
+            fit_homography(&pairs(&h, &line)),
+            Err(HomographyError::Degenerate { .. })
+        ));
         let three = [[0.0, 0.0], [1.0, 1.0], [2.0, 2.0], [3.0, 5.0]];
-        assert!(matches!(fit_homography(&pairs(&h, &three)), Err(HomographyError::Degenerate { .. })));
+        assert!(matches!(
+            fit_homography(&pairs(&h, &three)),
+            Err(HomographyError::Degenerate { .. })
+        ));
         let place = [[1.0, 1.0]; 5];
         assert!(fit_homography(&pairs(&h, &place)).is_err());
-        assert_eq!(fit_homography(&[]), Err(HomographyError::TooFewPairs { found: 0 }));
+        assert_eq!(
+            fit_homography(&[]),
+            Err(HomographyError::TooFewPairs { found: 0 })
+        );
     }
 }

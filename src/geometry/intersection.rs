@@ -303,14 +303,23 @@ mod tests {
     use proptest::prelude::*;
 
     fn views(point: &Vector3<f64>, errors: &[[f64; 2]]) -> Vec<View> {
-        let stations = [[0.0, -300.0, 900.0], [500.0, 0.0, 800.0], [-400.0, 200.0, 1000.0]];
+        let stations = [
+            [0.0, -300.0, 900.0],
+            [500.0, 0.0, 800.0],
+            [-400.0, 200.0, 1000.0],
+        ];
         let mut views = Vec::new();
         for (station, error) in stations.iter().zip(errors) {
             let centre = Vector3::from(*station);
             let pose = Pose::looking_at(centre, Vector3::zeros(), Vector3::y(), 0.3);
             let k = pose.camera_from_point(point);
             let ideal = Vector2::new(k.x, k.y) * (-20.0 / k.z) + Vector2::from(*error);
-            views.push(View { pose, principal_distance: 20.0, ideal, sigma: 1e-3 });
+            views.push(View {
+                pose,
+                principal_distance: 20.0,
+                ideal,
+                sigma: 1e-3,
+            });
         }
         views
     }
@@ -346,7 +355,11 @@ mod tests {
         // Errors +-sigma in all 64 combinations have exactly the covariance sigma^2 I.
         for bits in 0..64_u32 {
             let error = |k: u32| if bits >> k & 1 == 0 { 1e-3 } else { -1e-3 };
-            let errors = [[error(0), error(1)], [error(2), error(3)], [error(4), error(5)]];
+            let errors = [
+                [error(0), error(1)],
+                [error(2), error(3)],
+                [error(4), error(5)],
+            ];
             let found = intersect_views(&views(&point, &errors)).unwrap();
             let miss = found.point - point;
             spread += miss * miss.transpose() / 64.0;
@@ -360,10 +373,19 @@ mod tests {
     fn parallel_and_single_rays_are_refused() {
         let ray = Ray::new(Vector3::zeros(), &Vector3::z());
         let beside = Ray::new(Vector3::x(), &Vector3::z());
-        assert_eq!(intersect_rays(&[ray]), Err(IntersectionError::TooFewRays { found: 1 }));
-        assert!(matches!(intersect_rays(&[ray, beside]), Err(IntersectionError::Parallel { .. })));
+        assert_eq!(
+            intersect_rays(&[ray]),
+            Err(IntersectionError::TooFewRays { found: 1 })
+        );
+        assert!(matches!(
+            intersect_rays(&[ray, beside]),
+            Err(IntersectionError::Parallel { .. })
+        ));
         assert_eq!(shortest_segment(&ray, &beside), None);
-        let not_a_number = Ray { direction: Vector3::repeat(f64::NAN), ..ray };
+        let not_a_number = Ray {
+            direction: Vector3::repeat(f64::NAN),
+            ..ray
+        };
         assert!(intersect_rays(&[ray, not_a_number]).is_err());
     }
 

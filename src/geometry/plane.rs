@@ -42,7 +42,10 @@ impl Plane {
     #[must_use]
     pub fn coordinates(&self, point: &Vector3<f64>) -> Vector2<f64> {
         let from_centre = point - self.centre;
-        Vector2::new(from_centre.dot(&self.axes[0]), from_centre.dot(&self.axes[1]))
+        Vector2::new(
+            from_centre.dot(&self.axes[0]),
+            from_centre.dot(&self.axes[1]),
+        )
     }
 
     /// The same plane seen from the other side.
@@ -87,7 +90,9 @@ pub enum PlaneError {
 /// [`PlaneError`] with fewer than three points or points on one line.
 pub fn fit_plane(points: &[Vector3<f64>]) -> Result<PlaneFit, PlaneError> {
     if points.len() < 3 {
-        return Err(PlaneError::TooFewPoints { found: points.len() });
+        return Err(PlaneError::TooFewPoints {
+            found: points.len(),
+        });
     }
     if !points.iter().flatten().all(|x| x.is_finite()) {
         return Err(PlaneError::Collinear);
@@ -108,7 +113,11 @@ pub fn fit_plane(points: &[Vector3<f64>]) -> Result<PlaneFit, PlaneError> {
     }
     let axis = |k: usize| eigen.eigenvectors.column(order[k]).into_owned();
     let axes = [axis(0), axis(1)];
-    let plane = Plane { centre, axes, normal: axes[0].cross(&axes[1]) };
+    let plane = Plane {
+        centre,
+        axes,
+        normal: axes[0].cross(&axes[1]),
+    };
     // From the distances themselves, since the root of the smallest eigenvalue is only good to 1e-8 of the largest.
     let squares: f64 = points.iter().map(|p| plane.height(p).powi(2)).sum();
     Ok(PlaneFit {
@@ -139,16 +148,26 @@ mod tests {
 
     #[test]
     fn heights_above_the_plane_are_its_rms() {
-        let points = [[1.0, 0.0, 0.1], [-1.0, 0.0, 0.1], [0.0, 1.0, -0.1], [0.0, -1.0, -0.1]];
+        let points = [
+            [1.0, 0.0, 0.1],
+            [-1.0, 0.0, 0.1],
+            [0.0, 1.0, -0.1],
+            [0.0, -1.0, -0.1],
+        ];
         let fit = fit_plane(&points.map(Vector3::from)).unwrap();
         assert!((fit.rms - 0.1).abs() < 1e-12);
     }
 
     #[test]
     fn lines_and_too_few_points_are_refused() {
-        let line: Vec<_> = (0..4).map(|i| Vector3::new(1.0, 2.0, 3.0) * f64::from(i)).collect();
+        let line: Vec<_> = (0..4)
+            .map(|i| Vector3::new(1.0, 2.0, 3.0) * f64::from(i))
+            .collect();
         assert_eq!(fit_plane(&line), Err(PlaneError::Collinear));
-        assert_eq!(fit_plane(&line[..2]), Err(PlaneError::TooFewPoints { found: 2 }));
+        assert_eq!(
+            fit_plane(&line[..2]),
+            Err(PlaneError::TooFewPoints { found: 2 })
+        );
         assert_eq!(Plane::through(&line[0], &line[1], &line[2]), None);
     }
 }

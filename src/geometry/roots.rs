@@ -25,7 +25,11 @@ fn roots_between(coefficients: &[f64], low: f64, high: f64) -> Vec<f64> {
         0 => return Vec::new(),
         1 => {
             let root = -coefficients[0] / coefficients[1];
-            return if (low..=high).contains(&root) { vec![root] } else { Vec::new() };
+            return if (low..=high).contains(&root) {
+                vec![root]
+            } else {
+                Vec::new()
+            };
         }
         _ => {}
     }
@@ -42,7 +46,10 @@ fn roots_between(coefficients: &[f64], low: f64, high: f64) -> Vec<f64> {
         } else if left == 0.0 {
             push_distinct(&mut roots, pair[0]);
         } else if left * right < 0.0 {
-            push_distinct(&mut roots, bracketed_root(coefficients, &derivative, pair[0], pair[1]));
+            push_distinct(
+                &mut roots,
+                bracketed_root(coefficients, &derivative, pair[0], pair[1]),
+            );
         }
     }
     if value(coefficients, high) == 0.0 {
@@ -52,7 +59,10 @@ fn roots_between(coefficients: &[f64], low: f64, high: f64) -> Vec<f64> {
 }
 
 fn push_distinct(roots: &mut Vec<f64>, root: f64) {
-    if roots.last().is_none_or(|last| root - last > 1e-12 * (1.0 + root.abs())) {
+    if roots
+        .last()
+        .is_none_or(|last| root - last > 1e-12 * (1.0 + root.abs()))
+    {
         roots.push(root);
     }
 }
@@ -64,7 +74,10 @@ fn value(coefficients: &[f64], x: f64) -> f64 {
 
 /// The sum of the terms' sizes: what the rounding of [`value`] is relative to.
 fn magnitude(coefficients: &[f64], x: f64) -> f64 {
-    coefficients.iter().rev().fold(0.0, |sum, a| sum * x.abs() + a.abs())
+    coefficients
+        .iter()
+        .rev()
+        .fold(0.0, |sum, a| sum * x.abs() + a.abs())
 }
 
 /// The root between `low` and `high`, where the polynomial's signs differ: Newton steps, bisection where they leave.
@@ -83,7 +96,11 @@ fn bracketed_root(coefficients: &[f64], derivative: &[f64], mut low: f64, mut hi
             high = x;
         }
         let newton = x - here / value(derivative, x);
-        let next = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
+        let next = if newton > low && newton < high {
+            newton
+        } else {
+            0.5 * (low + high)
+        };
         if (next - x).abs() <= 4.0 * f64::EPSILON * x.abs() || high - low <= f64::MIN_POSITIVE {
             return next;
         }
@@ -129,7 +146,9 @@ mod tests {
     #[test]
     fn double_roots_none_and_nonsense() {
         let found = real_roots(&from_roots(&[1.0, 1.0, 3.0]), -10.0, 10.0);
-        assert!(found.len() == 2 && (found[0] - 1.0).abs() < 1e-6 && (found[1] - 3.0).abs() < 1e-12);
+        assert!(
+            found.len() == 2 && (found[0] - 1.0).abs() < 1e-6 && (found[1] - 3.0).abs() < 1e-12
+        );
         assert!(real_roots(&[1.0, 0.0, 1.0], -10.0, 10.0).is_empty());
         assert!(real_roots(&[], -1.0, 1.0).is_empty());
         assert!(real_roots(&[f64::NAN, 1.0, 2.0], -1.0, 1.0).is_empty());

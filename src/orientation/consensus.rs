@@ -4,7 +4,7 @@ use nalgebra::{Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::refine::{PoseObservation, RefineSettings, refine_pose};
+use super::refine::{PoseObservation, RefineSettings, refine_pose, turn_between};
 use super::three_point_poses;
 use crate::camera::Camera;
 use crate::geometry::Pose;
@@ -26,7 +26,13 @@ pub struct ConsensusSettings {
 
 impl Default for ConsensusSettings {
     fn default() -> Self {
-        Self { tolerance_px: 3.0, least_inliers: 4, most_samples: 2000, miss_probability: 1e-8, seed: 1 }
+        Self {
+            tolerance_px: 3.0,
+            least_inliers: 4,
+            most_samples: 2000,
+            miss_probability: 1e-8,
+            seed: 1,
+        }
     }
 }
 
@@ -104,27 +110,36 @@ pub fn resect_by_consensus(
     let needed = settings.least_inliers.max(4);
     let given = observations.len();
     if given < needed {
-        return Err(ResectionError::TooFewPoints { found: given, needed });
+        return Err(ResectionError::TooFewPoints {
+            found: given,
+            needed,
+        });
     }
     let rays: Vec<Vector3<f64>> = observations.iter().map(|o| camera.ray(&o.pixel)).collect();
+    let to = observations.iter().map(|o| o.point).sum::<Vector3<f64>>() / given as f64;
     let mut best: Vec<Trial> = Vec::new();
     let mut samples = Samples::new(given, settings);
     while let Some(sample) = samples.next() {
-        let poses = three_point_poses(&sample.map(|k| rays[k]), &sample.map(|k| observations[k].point));
+        let poses = three_point_poses(
+            &sample.map(|k| rays[k]),
+            &sample.map(|k| observations[k].point),
+        );
         for pose in poses {
             let trial = score(camera, &rays, observations, pose, settings.tolerance_px);
             // A pose that only its own three points like need not be polished.
-            let promising = best.last().is_none_or(|worst| best.len() < 4 || trial.score < worst.score);
+            let promising = best
+                .last()
+                .is_none_or(|worst| best.len() < 4 || trial.score < worst.score);
             if trial.inliers >= 4 && promising {
                 let polished = polish(camera, &rays, observations, trial, settings.tolerance_px);
-                insert_distinct(&mut best, polished);
+                insert_distinct(&mut best, polished, &to);
             }
         }
         if let Some(first) = best.first() {
             samples.expect(first.inliers as f64 / given as f64);
         }
     }
-    conclude(camera, observations, &best, settings, needed)
+    conclude(camera, observations, &best, settings, needed, &to)
 }
 
 /// Triples of points: all of them, or random ones until the adaptive limit.
@@ -139,7 +154,9 @@ struct Samples {
 
 impl Samples {
     fn new(points: usize, settings: &ConsensusSettings) -> Self {
-        let triples = points.checked_mul(points - 1).and_then(|n| n.checked_mul(points - 2));
+        let triples = points
+            .checked_mul(points - 1)
+            .and_then(|n| n.checked_mul(points - 2));
         // 1140 triples of 20 points take a few ms.
         let few = triples.is_some_and(|n| n / 6 <= settings.most_samples.min(1140));
         Self {
@@ -209,7 +226,11 @@ fn score(
     pose: Pose,
     tolerance_px: f64,
 ) -> Trial {
-    let mut trial = Trial { pose, score: 0.0, inliers: 0 };
+    let mut trial = Trial {
+        pose,
+        score: 0.0,
+        inliers: 0,
+    };
     for (ray, observation) in rays.iter().zip(observations) {
         let miss = miss_px(camera, ray, &pose, &observation.point);
         if miss <= tolerance_px {
@@ -230,7 +251,10 @@ fn polish(
     mut trial: Trial,
     tolerance_px: f64,
 ) -> Trial {
-    let settings = RefineSettings { iterations: 8, ..RefineSettings::default() };
+    let settings = RefineSettings {
+        iterations: 8,
+        ..RefineSettings::default()
+    };
     for _ in 0..4 {
         let inliers: Vec<PoseObservation> = rays
             .iter()
@@ -238,7 +262,9 @@ fn polish(
             .filter(|(ray, o)| miss_px(camera, ray, &trial.pose, &o.point) <= tolerance_px)
             .map(|(_, o)| *o)
             .collect();
-        let Ok(refined) = refine_pose(camera, &inliers, &trial.pose, &settings) else { break };
+        let Ok(refined) = refine_pose(camera, &inliers, &trial.pose, &settings) else {
+            break;
+        };
         let next = score(camera, rays, observations, refined.pose, tolerance_px);
         if !(next.score < trial.score) {
             break;
@@ -255,14 +281,16 @@ fn polish(
 /// Whether two poses are the same solution: centres within 2 % of the distance and directions within 2 degrees.
 fn same_solution(a: &Pose, b: &Pose, to: &Vector3<f64>) -> bool {
     let distance = (a.centre_in_world - to).norm();
-    let turn = a.camera_from_world.angle_to(&b.camera_from_world);
+    let turn = turn_between(a, b);
     (a.centre_in_world - b.centre_in_world).norm() < 0.02 * distance && turn < 0.035
 }
 
 /// Keeps the four best clearly different poses, the best first.
-fn insert_distinct(best: &mut Vec<Trial>, trial: Trial) {
-    let to = trial.pose.centre_in_world - trial.pose.world_from_direction(&Vector3::z()) * 1000.0;
-    if let Some(slot) = best.iter().position(|b| same_solution(&b.pose, &trial.pose, &to)) {
+fn insert_distinct(best: &mut Vec<Trial>, trial: Trial, to: &Vector3<f64>) {
+    if let Some(slot) = best
+        .iter()
+        .position(|b| same_solution(&b.pose, &trial.pose, to))
+    {
         if trial.score < best[slot].score {
             best[slot] = trial;
         }
@@ -279,6 +307,7 @@ fn conclude(
     best: &[Trial],
     settings: &ConsensusSettings,
     needed: usize,
+    to: &Vector3<f64>,
 ) -> Result<Resection, ResectionError> {
     let finished: Vec<Resection> = best
         .iter()
@@ -288,19 +317,32 @@ fn conclude(
     let mut order: Vec<usize> = (0..finished.len()).collect();
     order.sort_by(|&a, &b| {
         let (a, b) = (&finished[a], &finished[b]);
-        b.inlier_count.cmp(&a.inlier_count).then(a.rms_px.total_cmp(&b.rms_px))
+        b.inlier_count
+            .cmp(&a.inlier_count)
+            .then(a.rms_px.total_cmp(&b.rms_px))
     });
-    let Some(first) = order.first().map(|&k| &finished[k]).filter(|r| r.inlier_count >= needed) else {
-        return Err(ResectionError::NoConsensus { agreeing, given: observations.len(), needed });
+    let Some(first) = order
+        .first()
+        .map(|&k| &finished[k])
+        .filter(|r| r.inlier_count >= needed)
+    else {
+        return Err(ResectionError::NoConsensus {
+            agreeing,
+            given: observations.len(),
+            needed,
+        });
     };
-    let to = observations.iter().map(|o| o.point).sum::<Vector3<f64>>() / observations.len() as f64;
     let rival = order.iter().skip(1).map(|&k| &finished[k]).find(|r| {
         r.inlier_count + 1 >= first.inlier_count
             && r.inlier_count >= 4
-            && !same_solution(&first.pose, &r.pose, &to)
+            && !same_solution(&first.pose, &r.pose, to)
     });
     Ok(Resection {
-        alternative: rival.map(|r| OtherPose { pose: r.pose, inliers: r.inlier_count, rms_px: r.rms_px }),
+        alternative: rival.map(|r| OtherPose {
+            pose: r.pose,
+            inliers: r.inlier_count,
+            rms_px: r.rms_px,
+        }),
         ..first.clone()
     })
 }
@@ -327,13 +369,23 @@ fn finish(
             break;
         }
         inliers = now;
-        let chosen: Vec<PoseObservation> =
-            observations.iter().zip(&inliers).filter(|(_, used)| **used).map(|(o, _)| *o).collect();
+        let chosen: Vec<PoseObservation> = observations
+            .iter()
+            .zip(&inliers)
+            .filter(|(_, used)| **used)
+            .map(|(o, _)| *o)
+            .collect();
         let refined = refine_pose(camera, &chosen, &pose, &RefineSettings::default()).ok()?;
         (pose, rms_px) = (refined.pose, refined.rms_px);
     }
     let inlier_count = inliers.iter().filter(|used| **used).count();
-    Some(Resection { pose, inliers, inlier_count, rms_px, alternative: None })
+    Some(Resection {
+        pose,
+        inliers,
+        inlier_count,
+        rms_px,
+        alternative: None,
+    })
 }
 
 #[cfg(test)]
@@ -347,7 +399,8 @@ mod tests {
         let mut scene = simulation::scene(&camera, count, Noise(0.1), seed);
         let mut rng = simulation::random(seed + 77);
         for observation in &mut scene.observations[..wrong] {
-            observation.pixel = Vector2::new(rng.random_range(0.0..3072.0), rng.random_range(0.0..2048.0));
+            observation.pixel =
+                Vector2::new(rng.random_range(0.0..3072.0), rng.random_range(0.0..2048.0));
         }
         scene
     }
@@ -358,7 +411,12 @@ mod tests {
         for (count, wrong) in [(5, 0), (6, 1), (10, 4), (20, 10), (60, 30)] {
             for seed in 0..15 {
                 let scene = spoiled(count, wrong, seed);
-                let found = resect_by_consensus(&camera, &scene.observations, &ConsensusSettings::default()).unwrap();
+                let found = resect_by_consensus(
+                    &camera,
+                    &scene.observations,
+                    &ConsensusSettings::default(),
+                )
+                .unwrap();
                 let expected: Vec<bool> = (0..count).map(|k| k >= wrong).collect();
                 assert_eq!(found.inliers, expected, "{count} {wrong} {seed}");
                 // 0.1 px at 1 m are 5 um in the object; six unknowns from few points are some hundred times weaker.
@@ -372,7 +430,10 @@ mod tests {
     fn the_same_seed_gives_the_same_digits() {
         let camera = simulation::distorted_camera();
         let scene = simulation::scene(&camera, 40, Noise(0.2), 3);
-        let run = || resect_by_consensus(&camera, &scene.observations, &ConsensusSettings::default()).unwrap();
+        let run = || {
+            resect_by_consensus(&camera, &scene.observations, &ConsensusSettings::default())
+                .unwrap()
+        };
         assert_eq!(run(), run());
         assert_eq!(run().inlier_count, 40);
     }
@@ -380,14 +441,23 @@ mod tests {
     #[test]
     fn chance_and_degenerate_points_give_errors() {
         let camera = simulation::camera();
-        let settings = ConsensusSettings { least_inliers: 6, ..ConsensusSettings::default() };
+        let settings = ConsensusSettings {
+            least_inliers: 6,
+            ..ConsensusSettings::default()
+        };
         let scene = spoiled(12, 12, 5);
         assert!(matches!(
             resect_by_consensus(&camera, &scene.observations, &settings),
             Err(ResectionError::NoConsensus { given: 12, .. })
         ));
         let few = resect_by_consensus(&camera, &scene.observations[..3], &settings);
-        assert_eq!(few, Err(ResectionError::TooFewPoints { found: 3, needed: 6 }));
+        assert_eq!(
+            few,
+            Err(ResectionError::TooFewPoints {
+                found: 3,
+                needed: 6
+            })
+        );
         let same = vec![scene.observations[0]; 8];
         assert!(resect_by_consensus(&camera, &same, &settings).is_err());
         let mut line = scene.observations.clone();

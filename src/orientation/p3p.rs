@@ -16,9 +16,19 @@ const DEGENERATE_SINE: f64 = 1e-9;
 pub fn three_point_poses(rays: &[Vector3<f64>; 3], points: &[Vector3<f64>; 3]) -> Vec<Pose> {
     let units = rays.map(|r| r.normalize());
     let [p1, p2, p3] = points;
-    let sides2 = [(p2 - p3).norm_squared(), (p1 - p3).norm_squared(), (p1 - p2).norm_squared()];
-    let cosines = [units[1].dot(&units[2]), units[0].dot(&units[2]), units[0].dot(&units[1])];
-    let Some(object) = triangle_frame(points) else { return Vec::new() };
+    let sides2 = [
+        (p2 - p3).norm_squared(),
+        (p1 - p3).norm_squared(),
+        (p1 - p2).norm_squared(),
+    ];
+    let cosines = [
+        units[1].dot(&units[2]),
+        units[0].dot(&units[2]),
+        units[0].dot(&units[1]),
+    ];
+    let Some(object) = triangle_frame(points) else {
+        return Vec::new();
+    };
     let rays_apart = (0..3).all(|k| units[k].cross(&units[(k + 1) % 3]).norm() > DEGENERATE_SINE);
     if !rays_apart {
         return Vec::new();
@@ -26,7 +36,9 @@ pub fn three_point_poses(rays: &[Vector3<f64>; 3], points: &[Vector3<f64>; 3]) -
     let mut poses = Vec::new();
     for distances in distances(&sides2, &cosines) {
         let in_camera = [0, 1, 2].map(|k| units[k] * distances[k]);
-        let Some(camera) = triangle_frame(&in_camera) else { continue };
+        let Some(camera) = triangle_frame(&in_camera) else {
+            continue;
+        };
         let rotation = Rotation3::from_matrix_unchecked(camera * object.transpose());
         let centroid = (p1 + p2 + p3) / 3.0;
         let seen = (in_camera[0] + in_camera[1] + in_camera[2]) / 3.0;
@@ -58,7 +70,8 @@ fn distances(sides2: &[f64; 3], cosines: &[f64; 3]) -> Vec<[f64; 3]> {
     let quartic = [
         (1.0 + p).powi(2) - 4.0 * s * cc * cc,
         4.0 * (-p * (1.0 + p) * cb + 2.0 * s * cc * cc * cb - (1.0 - q) * ca * cc),
-        2.0 * (p * p - 1.0 + 2.0 * p * p * cb * cb + 2.0 * (1.0 - r) * ca * ca - 4.0 * q * ca * cb * cc
+        2.0 * (p * p - 1.0 + 2.0 * p * p * cb * cb + 2.0 * (1.0 - r) * ca * ca
+            - 4.0 * q * ca * cb * cc
             + 2.0 * (1.0 - s) * cc * cc),
         4.0 * (p * (1.0 - p) * cb - (1.0 - q) * ca * cc + 2.0 * r * ca * ca * cb),
         (p - 1.0).powi(2) - 4.0 * r * ca * ca,
@@ -68,7 +81,9 @@ fn distances(sides2: &[f64; 3], cosines: &[f64; 3]) -> Vec<[f64; 3]> {
     for v in real_roots(&quartic, 1e-4, 1e4) {
         let s1 = (b2 / (1.0 + v * v - 2.0 * v * cb)).sqrt();
         for u in ratios(v, s1, p, c2, cosines) {
-            let Some(polished) = polish([s1, u * s1, v * s1], sides2, cosines) else { continue };
+            let Some(polished) = polish([s1, u * s1, v * s1], sides2, cosines) else {
+                continue;
+            };
             let known = |s: &[f64; 3]| (0..3).all(|k| (s[k] - polished[k]).abs() < 1e-7 * s[k]);
             if !solutions.iter().any(known) {
                 solutions.push(polished);
@@ -107,7 +122,9 @@ fn polish(start: [f64; 3], sides2: &[f64; 3], cosines: &[f64; 3]) -> Option<[f64
             jacobian[(k, i)] = 2.0 * (s[i] - s[j] * cosines[k]);
             jacobian[(k, j)] = 2.0 * (s[j] - s[i] * cosines[k]);
         }
-        let Some(inverse) = jacobian.try_inverse() else { break };
+        let Some(inverse) = jacobian.try_inverse() else {
+            break;
+        };
         let step = inverse * law(&s);
         s -= step;
         if !(step.norm() > 1e-13 * s.norm()) {
@@ -162,6 +179,8 @@ mod tests {
         assert!(three_point_poses(&rays, &[x, x, x]).is_empty());
         assert!(three_point_poses(&[rays[0]; 3], &[x, Vector3::y(), Vector3::z()]).is_empty());
         assert!(three_point_poses(&rays, &[x * f64::NAN, x, Vector3::y()]).is_empty());
-        assert!(three_point_poses(&[Vector3::zeros(); 3], &[x, Vector3::y(), Vector3::z()]).is_empty());
+        assert!(
+            three_point_poses(&[Vector3::zeros(); 3], &[x, Vector3::y(), Vector3::z()]).is_empty()
+        );
     }
 }

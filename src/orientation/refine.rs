@@ -33,8 +33,20 @@ impl Loss {
     pub fn weight(self, length: f64) -> f64 {
         match self {
             Loss::Squares => 1.0,
-            Loss::Huber(k) => if length <= k { 1.0 } else { k / length },
-            Loss::Tukey(k) => if length < k { (1.0 - (length / k).powi(2)).powi(2) } else { 0.0 },
+            Loss::Huber(k) => {
+                if length <= k {
+                    1.0
+                } else {
+                    k / length
+                }
+            }
+            Loss::Tukey(k) => {
+                if length < k {
+                    (1.0 - (length / k).powi(2)).powi(2)
+                } else {
+                    0.0
+                }
+            }
         }
     }
 
@@ -42,7 +54,13 @@ impl Loss {
     fn cost(self, length: f64) -> f64 {
         match self {
             Loss::Squares => 0.5 * length * length,
-            Loss::Huber(k) => if length <= k { 0.5 * length * length } else { k * (length - 0.5 * k) },
+            Loss::Huber(k) => {
+                if length <= k {
+                    0.5 * length * length
+                } else {
+                    k * (length - 0.5 * k)
+                }
+            }
             Loss::Tukey(k) => {
                 let left = (1.0 - (length / k).powi(2)).max(0.0);
                 k * k / 6.0 * (1.0 - left.powi(3))
@@ -64,7 +82,11 @@ pub struct RefineSettings {
 
 impl Default for RefineSettings {
     fn default() -> Self {
-        Self { loss: Loss::Squares, inlier_sigmas: 5.0, iterations: 50 }
+        Self {
+            loss: Loss::Squares,
+            inlier_sigmas: 5.0,
+            iterations: 50,
+        }
     }
 }
 
@@ -108,10 +130,55 @@ pub enum RefineError {
     Singular,
 }
 
+/// An object point and its ideal image point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct IdealPoint {
+    /// Object point, mm.
+    pub point: Vector3<f64>,
+    /// Ideal image point (distortion removed), mm.
+    pub ideal: Vector2<f64>,
+}
+
+/// A pose refined on ideal image points.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct IdealFit {
+    pub(super) pose: Pose,
+    /// Root mean square residual, mm per coordinate.
+    pub(super) rms_mm: f64,
+}
+
+/// [`refine_pose`] on ideal image points, all of one weight.
+pub(super) fn refine_on_ideal_points(
+    points: &[IdealPoint],
+    principal_distance: f64,
+    start: &Pose,
+) -> Result<IdealFit, RefineError> {
+    let observe = |p: &IdealPoint| PoseObservation {
+        pixel: ideal_pixel(&p.ideal),
+        point: p.point,
+        sigma_px: 1.0,
+    };
+    let observations: Vec<PoseObservation> = points.iter().map(observe).collect();
+    let camera = ideal_camera(principal_distance);
+    let refined = refine_pose(&camera, &observations, start, &RefineSettings::default())?;
+    Ok(IdealFit {
+        pose: refined.pose,
+        rms_mm: refined.rms_px,
+    })
+}
+
+/// The angle between two poses' directions, radians: from the chord, since the arc cosine of the trace loses half of the
+/// digits of small angles and is no number where rounding lifts the trace above 3.
+#[must_use]
+pub(super) fn turn_between(a: &Pose, b: &Pose) -> f64 {
+    let chord = (a.camera_from_world.matrix() - b.camera_from_world.matrix()).norm();
+    2.0 * (chord / 8_f64.sqrt()).min(1.0).asin()
+}
+
 /// A camera whose pixels are ideal image coordinates in mm, y down: lets solvers that have nothing but a principal
 /// distance share the code for real cameras.
 #[must_use]
-pub(super) fn ideal_camera(principal_distance: f64) -> Camera {
+fn ideal_camera(principal_distance: f64) -> Camera {
     Camera {
         width_px: 0,
         height_px: 0,
@@ -122,12 +189,12 @@ pub(super) fn ideal_camera(principal_distance: f64) -> Camera {
 
 /// The pixel of [`ideal_camera`] for an ideal image point.
 #[must_use]
-pub(super) fn ideal_pixel(ideal: &Vector2<f64>) -> Vector2<f64> {
+fn ideal_pixel(ideal: &Vector2<f64>) -> Vector2<f64> {
     Vector2::new(ideal.x, -ideal.y)
 }
 
 /// The residual and its derivative by (turn, centre).
-pub(super) fn residual(
+fn residual(
     camera: &Camera,
     pose: &Pose,
     observation: &PoseObservation,
@@ -156,7 +223,9 @@ pub fn refine_pose(
     settings: &RefineSettings,
 ) -> Result<RefinedPose, RefineError> {
     if observations.len() < 3 {
-        return Err(RefineError::TooFewPoints { found: observations.len() });
+        return Err(RefineError::TooFewPoints {
+            found: observations.len(),
+        });
     }
     let mut pose = *start;
     let mut cost = cost(camera, observations, &pose, settings.loss)?;
@@ -197,7 +266,10 @@ pub fn refine_pose(
 
 /// Mean distance of the points from the camera, mm: the scale on which a shift is small.
 fn object_distance(pose: &Pose, observations: &[PoseObservation]) -> f64 {
-    let sum: f64 = observations.iter().map(|o| (o.point - pose.centre_in_world).norm()).sum();
+    let sum: f64 = observations
+        .iter()
+        .map(|o| (o.point - pose.centre_in_world).norm())
+        .sum();
     (sum / observations.len() as f64).max(f64::MIN_POSITIVE)
 }
 
@@ -219,7 +291,11 @@ fn cost(
             (None, _) => sum += loss.cost(1e5 / observation.sigma_px),
         }
     }
-    if sum.is_finite() { Ok(sum) } else { Err(RefineError::Singular) }
+    if sum.is_finite() {
+        Ok(sum)
+    } else {
+        Err(RefineError::Singular)
+    }
 }
 
 fn normal_equations(
@@ -346,8 +422,17 @@ mod tests {
         let camera = simulation::distorted_camera();
         for seed in 0..20 {
             let scene = simulation::scene(&camera, 12, Noise(0.0), seed);
-            let start = scene.pose.moved(&Vector3::new(0.1, -0.08, 0.2), &Vector3::new(60.0, -40.0, 80.0));
-            let found = refine_pose(&camera, &scene.observations, &start, &RefineSettings::default()).unwrap();
+            let start = scene.pose.moved(
+                &Vector3::new(0.1, -0.08, 0.2),
+                &Vector3::new(60.0, -40.0, 80.0),
+            );
+            let found = refine_pose(
+                &camera,
+                &scene.observations,
+                &start,
+                &RefineSettings::default(),
+            )
+            .unwrap();
             assert!(found.converged);
             // Rounding of 1e-12 px at 10 um per px and some ten times worse geometry.
             assert!((found.pose.centre_in_world - scene.pose.centre_in_world).norm() < 1e-8);
@@ -362,8 +447,15 @@ mod tests {
         let trials = 300;
         for seed in 0..trials {
             let scene = simulation::scene(&camera, 10, Noise(0.1), seed);
-            let found = refine_pose(&camera, &scene.observations, &scene.pose, &RefineSettings::default()).unwrap();
-            let turn = (scene.pose.camera_from_world * found.pose.camera_from_world.inverse()).scaled_axis();
+            let found = refine_pose(
+                &camera,
+                &scene.observations,
+                &scene.pose,
+                &RefineSettings::default(),
+            )
+            .unwrap();
+            let turn = (scene.pose.camera_from_world * found.pose.camera_from_world.inverse())
+                .scaled_axis();
             let shift = scene.pose.centre_in_world - found.pose.centre_in_world;
             let error = Vector6::from_iterator(turn.iter().chain(shift.iter()).copied());
             sum += error.dot(&(found.covariance.try_inverse().unwrap() * error));
@@ -381,10 +473,21 @@ mod tests {
             for wrong in [2, 9, 11] {
                 scene.observations[wrong].pixel += Vector2::new(60.0, -30.0 * wrong as f64);
             }
-            let start = scene.pose.moved(&Vector3::new(0.01, 0.0, 0.01), &Vector3::new(5.0, 5.0, -5.0));
-            let huber = RefineSettings { loss: Loss::Huber(2.0), ..RefineSettings::default() };
-            let near = refine_pose(&camera, &scene.observations, &start, &huber).unwrap().pose;
-            let tukey = RefineSettings { loss: Loss::Tukey(8.0), ..RefineSettings::default() };
+            let start = scene.pose.moved(
+                &Vector3::new(0.01, 0.0, 0.01),
+                &Vector3::new(5.0, 5.0, -5.0),
+            );
+            let huber = RefineSettings {
+                loss: Loss::Huber(2.0),
+                ..RefineSettings::default()
+            };
+            let near = refine_pose(&camera, &scene.observations, &start, &huber)
+                .unwrap()
+                .pose;
+            let tukey = RefineSettings {
+                loss: Loss::Tukey(8.0),
+                ..RefineSettings::default()
+            };
             let found = refine_pose(&camera, &scene.observations, &near, &tukey).unwrap();
             let outliers: Vec<usize> = (0..14).filter(|&i| !found.inliers[i]).collect();
             assert_eq!(outliers, [2, 9, 11]);
@@ -396,9 +499,17 @@ mod tests {
         let camera = simulation::camera();
         let scene = simulation::scene(&camera, 6, Noise(0.0), 1);
         let settings = RefineSettings::default();
-        let refine = |observations: &[PoseObservation]| refine_pose(&camera, observations, &scene.pose, &settings);
-        assert_eq!(refine(&scene.observations[..2]), Err(RefineError::TooFewPoints { found: 2 }));
-        assert_eq!(refine(&[scene.observations[0]; 5]), Err(RefineError::Singular));
+        let refine = |observations: &[PoseObservation]| {
+            refine_pose(&camera, observations, &scene.pose, &settings)
+        };
+        assert_eq!(
+            refine(&scene.observations[..2]),
+            Err(RefineError::TooFewPoints { found: 2 })
+        );
+        assert_eq!(
+            refine(&[scene.observations[0]; 5]),
+            Err(RefineError::Singular)
+        );
         let mut behind = scene.observations.clone();
         behind[4].point = scene.pose.centre_in_world * 2.0;
         assert_eq!(refine(&behind), Err(RefineError::NotImaged { index: 4 }));

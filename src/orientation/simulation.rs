@@ -4,7 +4,7 @@ use nalgebra::{Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::PoseObservation;
+use super::{IdealPoint, PoseObservation};
 use crate::camera::{Camera, InteriorOrientation};
 use crate::geometry::Pose;
 
@@ -53,8 +53,17 @@ pub(super) fn station(seed: u64) -> Pose {
     let azimuth = rng.random_range(0.0..std::f64::consts::TAU);
     let distance = rng.random_range(700.0..1500.0);
     let roll = rng.random_range(0.0..std::f64::consts::TAU);
-    let direction = Vector3::new(tilt.sin() * azimuth.cos(), tilt.sin() * azimuth.sin(), tilt.cos());
-    Pose::looking_at(direction * distance, vector(&mut rng, 40.0), Vector3::y(), roll)
+    let direction = Vector3::new(
+        tilt.sin() * azimuth.cos(),
+        tilt.sin() * azimuth.sin(),
+        tilt.cos(),
+    );
+    Pose::looking_at(
+        direction * distance,
+        vector(&mut rng, 40.0),
+        Vector3::y(),
+        roll,
+    )
 }
 
 /// `count` points within a box of 400 mm as a station sees them.
@@ -64,11 +73,47 @@ pub(super) fn scene(camera: &Camera, count: usize, noise: Noise, seed: u64) -> S
     let mut observations = Vec::new();
     while observations.len() < count {
         let point = vector(&mut rng, 200.0);
-        let Some(pixel) = camera.project(&pose.camera_from_point(&point)) else { continue };
+        let Some(pixel) = camera.project(&pose.camera_from_point(&point)) else {
+            continue;
+        };
         let pixel = pixel + noise.0 * Vector2::new(normal(&mut rng), normal(&mut rng));
         if camera.contains(&pixel) {
-            observations.push(PoseObservation { pixel, point, sigma_px: noise.0.max(0.01) });
+            observations.push(PoseObservation {
+                pixel,
+                point,
+                sigma_px: noise.0.max(0.01),
+            });
         }
     }
     Scene { pose, observations }
+}
+
+/// Six dots, X1 and X6 raised.
+pub(super) const REFERENCE_CROSS: [[f64; 3]; 6] = [
+    [0.0, 0.0, 40.0],
+    [100.0, 0.0, 0.0],
+    [-100.0, 0.0, 0.0],
+    [0.0, 100.0, 0.0],
+    [0.0, -100.0, 0.0],
+    [50.0, 50.0, 25.0],
+];
+
+/// Ideal image points of `points`, with noise in pixels of 9 um.
+pub(super) fn ideal_points(
+    points: &[[f64; 3]],
+    pose: &Pose,
+    noise: Noise,
+    seed: u64,
+) -> Vec<IdealPoint> {
+    let mut rng = random(seed ^ 0x1dea1);
+    let image = |point: &[f64; 3]| {
+        let point = Vector3::from(*point);
+        let k = pose.camera_from_point(&point);
+        let error = Vector2::new(normal(&mut rng), normal(&mut rng)) * noise.0 * 0.009;
+        IdealPoint {
+            point,
+            ideal: Vector2::new(k.x, k.y) * (-20.0 / k.z) + error,
+        }
+    };
+    points.iter().map(image).collect()
 }
