@@ -9,4 +9,5 @@ pub mod monitor;
 pub mod network;
 pub mod synthetic;
 pub mod project;
+pub mod orientation;
 pub mod targets;

@@ -1,13 +1,24 @@
-//! Rotation, pose, similarity: the plain mathematics of directions and places, in `f64`, without names or files.
+//! Rotation, pose, similarity, plane, homography, intersection of rays: the plain mathematics of directions and places, in `f64`, without names or files.
 //!
 //! Frames follow Kraus (2007): the world is right-handed; the camera frame has x right, y up, z backwards, so that the
 //! camera looks along -z. A rotation matrix `M` takes world directions to the camera frame, `X0` is the projection
 //! centre, and `[x', y', -c] ~ M (X - X0)`.
 
+mod homography;
+mod intersection;
+mod plane;
 mod pose;
+mod roots;
 mod rotation;
 mod similarity;
 
+pub use homography::{HomographyError, PlanePair, apply_homography, fit_homography};
+pub use intersection::{
+    ImageIntersection, Intersection, IntersectionError, Ray, ShortestSegment, View, intersect_rays,
+    intersect_views, shortest_segment,
+};
+pub use plane::{Plane, PlaneError, PlaneFit, fit_plane};
 pub use pose::Pose;
+pub use roots::real_roots;
 pub use rotation::{OmegaPhiKappa, rotation_from_vector, skew};
 pub use similarity::{FitError, Scale, Similarity, fit_similarity};
