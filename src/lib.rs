@@ -3,11 +3,11 @@
 pub mod adjustment;
 pub mod camera;
 pub mod geometry;
-pub mod matching;
 pub mod imaging;
+pub mod matching;
 pub mod monitor;
 pub mod network;
-pub mod synthetic;
-pub mod project;
 pub mod orientation;
+pub mod project;
+pub mod synthetic;
 pub mod targets;
