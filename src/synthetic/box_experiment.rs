@@ -30,7 +30,10 @@ const CROSS_LIFT_MM: f64 = 6.0;
 /// Share of the plain targets that stand close to a code.
 const BESIDE_CODES: f64 = 0.45;
 /// Elevations (degrees) of the rings of stations and their shares.
-const RINGS: [(f64, f64); 3] = [(22.0, 3.0), (40.0, 3.0), (60.0, 2.0)];
+const RINGS: [(f64, f64); 3] = [(18.0, 14.0), (34.0, 12.0), (56.0, 6.0)];
+
+/// How much the stations crowd before the box's ends, whose targets are seen most obliquely.
+const CROWDING: f64 = 0.11;
 
 /// The reference cross of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -113,6 +116,9 @@ pub fn box_experiment(settings: &BoxSettings) -> Result<Experiment, SceneError> 
     ] {
         check_size(what, value)?;
     }
+    if let Some(cross) = &settings.cross {
+        check_size("the cross's dot_mm", cross.dot_mm)?;
+    }
     let mut random = generator(settings.seed, 0);
     let bars = settings.bars.min(2);
     let ids = draw_ids(
@@ -128,6 +134,7 @@ pub fn box_experiment(settings: &BoxSettings) -> Result<Experiment, SceneError> 
         stand_cross(cross, &mut scene, &mut faces[0], &mut random);
     }
     fill_faces(settings, box_ids, &mut faces, &mut scene, &mut random)?;
+    let on_box = scene.discs.len();
     for (number, ids) in bar_ids.chunks_exact(2).enumerate() {
         add_bar(number, [ids[0], ids[1]], settings, &mut scene, &mut random);
     }
@@ -147,12 +154,8 @@ pub fn box_experiment(settings: &BoxSettings) -> Result<Experiment, SceneError> 
         )
     };
     let corners: Vec<_> = (0..8).map(corner).collect();
-    let bar_ends: Vec<_> = scene
-        .discs
+    let bar_ends: Vec<_> = scene.discs[on_box..]
         .iter()
-        .filter(|disc| {
-            disc.placement.origin.z < BAR_HEIGHT_MM && is_off_box(&disc.placement.origin)
-        })
         .map(|disc| disc.placement.origin)
         .collect();
     let framing = Framing {
@@ -162,7 +165,7 @@ pub fn box_experiment(settings: &BoxSettings) -> Result<Experiment, SceneError> 
         upright: &bar_ends,
         aim_sigma: 12.0,
     };
-    let outlooks = outlooks_round(settings.stations, &RINGS, &mut random);
+    let outlooks = outlooks_round(settings.stations, &RINGS, CROWDING, &mut random);
     let stations = framing.stations(&outlooks, &mut random)?;
     Ok(Experiment {
         scene,
@@ -170,13 +173,6 @@ pub fn box_experiment(settings: &BoxSettings) -> Result<Experiment, SceneError> 
         nominal_principal_distance_mm: settings.principal_distance_mm,
         stations,
     })
-}
-
-/// Bars lie lower than this on the table, mm.
-const BAR_HEIGHT_MM: f64 = 100.0;
-
-fn is_off_box(point: &Vector3<f64>) -> bool {
-    point.x.abs() > BOX_MM[0] / 2.0 + 1.0 || point.y.abs() > BOX_MM[1] / 2.0 + 1.0
 }
 
 /// The centres and axes of the top and the four sides, with their sizes; normals point outwards.
@@ -291,15 +287,17 @@ fn add_bar(
     let pitch = settings.pitch_mm;
     let width = 6.0 * pitch + 3.0 * settings.dot_mm;
     let (sin, cos) = BAR_TILT_DEG.to_radians().sin_cos();
-    let (out, along) = if number == 0 {
-        (-Vector3::y() * (d / 2.0), Vector3::x())
+    // The front bar is pushed to the left so that it ends before the one on the right.
+    let (out, along, shift) = if number == 0 {
+        (-Vector3::y() * (d / 2.0), Vector3::x(), -140.0)
     } else {
-        (Vector3::x() * (w / 2.0), Vector3::y())
+        (Vector3::x() * (w / 2.0), Vector3::y(), 0.0)
     };
     let outwards = out.normalize();
     let placement = Placement {
         origin: out
             + outwards * (BAR_GAP_MM + width / 2.0)
+            + along * shift
             + Vector3::z() * (width / 2.0 * sin + 2.0),
         x: along,
         y: Vector3::z() * sin - outwards * cos,
@@ -333,4 +331,196 @@ fn add_bar(
         known_length_mm: known,
         sigma_mm: BAR_SIGMA_MM,
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{MAX_OBSERVED_INCIDENCE_DEG, Truth, Visibility};
+    use super::*;
+    use std::collections::BTreeMap;
+
+    fn seeded(seed: u64) -> Experiment {
+        let settings = BoxSettings {
+            seed,
+            ..BoxSettings::default()
+        };
+        box_experiment(&settings).unwrap()
+    }
+
+    /// In how many pictures each dot is whole and bright enough.
+    fn rays(truth: &Truth) -> BTreeMap<&str, usize> {
+        let mut rays = BTreeMap::new();
+        for dot in truth.images.values().flatten() {
+            let seen = dot.is_whole() && dot.incidence_deg <= MAX_OBSERVED_INCIDENCE_DEG;
+            *rays.entry(dot.label.as_str()).or_default() += usize::from(seen);
+        }
+        rays
+    }
+
+    #[test]
+    fn the_box_carries_what_the_paper_names() {
+        let experiment = seeded(2002);
+        let count = |prefix: char| {
+            let labels = experiment.scene.discs.iter().map(|disc| &disc.label);
+            labels.filter(|label| label.starts_with(prefix)).count()
+        };
+        assert_eq!([count('T'), count('C'), count('X')], [144, 6 * (32 + 4), 6]);
+        assert_eq!(experiment.stations.len(), 34);
+        assert_eq!(experiment.cross_points().len(), 6);
+        let truth = experiment.truth();
+        assert_eq!(
+            truth.points.len(),
+            experiment.scene.discs.len(),
+            "labels differ"
+        );
+        for (bar, published) in truth.bars.iter().zip(experiment.bars()) {
+            let end = |label: &String| Vector3::from(truth.points[label]);
+            let distance = (end(&bar.from) - end(&bar.to)).norm();
+            assert!((distance - bar.length_mm).abs() < 1e-9);
+            assert!((published.length_mm - bar.length_mm).abs() < 5.0 * BAR_SIGMA_MM);
+        }
+    }
+
+    #[test]
+    fn no_dots_touch_and_many_codes_have_close_neighbours() {
+        for seed in [2002, 1] {
+            let discs = seeded(seed).scene.discs;
+            let mut crowded = BTreeMap::new();
+            for (index, a) in discs.iter().enumerate() {
+                for b in &discs[..index] {
+                    let distance = (a.placement.origin - b.placement.origin).norm();
+                    let code = |label: &str| label.split('.').next().unwrap_or("").to_owned();
+                    let least = if code(&a.label) == code(&b.label) {
+                        10.0
+                    } else {
+                        15.0
+                    };
+                    assert!(
+                        distance > least - 1e-9,
+                        "{} {} {distance}",
+                        a.label,
+                        b.label
+                    );
+                    let mixed = a.label.starts_with('T') && b.label.starts_with('C');
+                    if mixed && distance < 20.0 {
+                        *crowded.entry(code(&b.label)).or_insert(0) += 1;
+                    } else if a.label.starts_with('C')
+                        && b.label.starts_with('T')
+                        && distance < 20.0
+                    {
+                        *crowded.entry(code(&a.label)).or_insert(0) += 1;
+                    }
+                }
+            }
+            assert!(crowded.len() >= 20, "{}", crowded.len());
+        }
+    }
+
+    #[test]
+    fn every_station_sees_codes_and_every_target_is_seen_often() {
+        for seed in [2002, 1] {
+            let truth = seeded(seed).truth();
+            let rays = rays(&truth);
+            for (label, &count) in &rays {
+                let least = if label.starts_with('X') { 8 } else { 4 };
+                assert!(count >= least, "seed {seed}: {label} in {count} pictures");
+            }
+            for (image, dots) in &truth.images {
+                let mut whole = BTreeMap::<&str, usize>::new();
+                for dot in dots
+                    .iter()
+                    .filter(|dot| dot.is_whole() && dot.incidence_deg <= MAX_OBSERVED_INCIDENCE_DEG)
+                {
+                    if let Some((code, _)) = dot.label.split_once('.') {
+                        *whole.entry(code).or_default() += 1;
+                    }
+                }
+                let codes = whole.values().filter(|&&dots| dots == 6).count();
+                assert!(codes >= 4, "seed {seed}: {image} shows {codes} codes");
+            }
+        }
+    }
+
+    #[test]
+    fn a_face_turned_away_or_behind_the_box_is_not_seen() {
+        let experiment = seeded(2002);
+        let truth = experiment.truth();
+        for station in &experiment.stations {
+            for (dot, disc) in truth.images[&station.image]
+                .iter()
+                .zip(&experiment.scene.discs)
+            {
+                let place = disc.placement.origin;
+                let eye = station.pose.centre_in_world;
+                let on_side = disc.label.starts_with('T') && (place.z - BOX_MM[2]).abs() > 1e-9;
+                if on_side && disc.placement.normal().dot(&(eye - place)) < 0.0 {
+                    assert_eq!(dot.visibility, Visibility::FacingAway, "{}", dot.label);
+                }
+            }
+        }
+        let hidden = truth.images.values().flatten();
+        let hidden = hidden.filter(|dot| dot.visibility == Visibility::Hidden);
+        assert!(
+            hidden.clone().count() > 0,
+            "the box hides bar ends from stations behind it"
+        );
+        // Nothing stands before a face of the box that is turned to the camera but the plates of the cross.
+        let mut side = hidden.filter(|dot| dot.label.starts_with('T'));
+        assert!(side.all(|dot| truth.points[&dot.label][2] > BOX_MM[2] - 1e-9));
+    }
+
+    #[test]
+    fn seeds_choose_everything_and_repeat_it() {
+        assert_eq!(seeded(5), seeded(5));
+        let (one, other) = (seeded(5), seeded(6));
+        assert_ne!(one.stations, other.stations);
+        assert_ne!(one.camera, other.camera);
+        assert_ne!(one.scene.bars, other.scene.bars);
+    }
+
+    #[test]
+    fn small_scenes_can_be_made_and_impossible_ones_are_refused() {
+        let small = BoxSettings {
+            stations: 5,
+            plain_targets: 20,
+            codes: 10,
+            cross: None,
+            bars: 0,
+            dot_mm: 8.0,
+            pitch_mm: 8.0,
+            width_px: 1024,
+            height_px: 683,
+            pixel_pitch_mm: 0.027,
+            ..BoxSettings::default()
+        };
+        let experiment = box_experiment(&small).unwrap();
+        assert_eq!(experiment.scene.discs.len(), 80);
+        let full = BoxSettings {
+            plain_targets: 5000,
+            ..small.clone()
+        };
+        assert!(matches!(
+            box_experiment(&full),
+            Err(SceneError::NoRoom { .. })
+        ));
+        let flat = BoxSettings {
+            dot_mm: 0.0,
+            ..small
+        };
+        assert!(matches!(
+            box_experiment(&flat),
+            Err(SceneError::BadSize { .. })
+        ));
+    }
+
+    #[test]
+    fn truth_survives_writing_and_reading() {
+        let settings = BoxSettings {
+            stations: 2,
+            ..BoxSettings::default()
+        };
+        let truth = box_experiment(&settings).unwrap().truth();
+        let text = serde_json::to_string(&truth).unwrap();
+        assert_eq!(serde_json::from_str::<Truth>(&text).unwrap(), truth);
+    }
 }

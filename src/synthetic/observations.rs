@@ -50,3 +50,38 @@ pub fn simulate_observations(
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::{BoxSettings, box_experiment};
+    use super::*;
+
+    #[test]
+    fn observations_are_true_centres_with_the_noise_asked_for() {
+        let settings = BoxSettings {
+            stations: 6,
+            ..BoxSettings::default()
+        };
+        let experiment = box_experiment(&settings).unwrap();
+        let (scene, camera, poses) = (&experiment.scene, &experiment.camera, experiment.poses());
+        let exact = simulate_observations(scene, camera, &poses, 0.0, 1);
+        let noisy = simulate_observations(scene, camera, &poses, 0.05, 1);
+        let truth = truth_dots(scene, camera, &poses[2]);
+        for observation in &exact[2] {
+            let dot = truth.iter().find(|dot| dot.label == observation.label);
+            assert_eq!(dot.unwrap().centre_of_image_px, Some(observation.centre_px));
+        }
+        let (mut squares, mut count) = (0.0, 0.0);
+        for (a, b) in exact.iter().flatten().zip(noisy.iter().flatten()) {
+            assert_eq!(a.label, b.label);
+            squares += (a.centre_px - b.centre_px).norm_squared();
+            count += 2.0;
+        }
+        let sigma = f64::sqrt(squares / count);
+        // The standard error of a sigma from `count` values is sigma / sqrt(2 count).
+        assert!(
+            count > 300.0 && (sigma / 0.05 - 1.0).abs() < 4.0 / f64::sqrt(2.0 * count),
+            "{sigma} {count}"
+        );
+    }
+}

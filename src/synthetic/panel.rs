@@ -140,7 +140,7 @@ pub fn panel(settings: &PanelSettings) -> Result<Experiment, SceneError> {
         upright: &[],
         aim_sigma: 0.01 * w,
     };
-    let outlooks = outlooks_round(settings.stations, &RINGS, &mut random);
+    let outlooks = outlooks_round(settings.stations, &RINGS, 0.0, &mut random);
     let stations = framing.stations(&outlooks, &mut random)?;
     Ok(Experiment {
         scene,
@@ -148,4 +148,36 @@ pub fn panel(settings: &PanelSettings) -> Result<Experiment, SceneError> {
         nominal_principal_distance_mm: settings.principal_distance_mm,
         stations,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panel_of_each_family_shows_its_codes_in_every_picture() {
+        for family in Family::ALL {
+            let settings = PanelSettings {
+                family,
+                ..PanelSettings::default()
+            };
+            let panel = panel(&settings).unwrap();
+            let dots = if family == Family::Dot420 { 6 } else { 1 };
+            assert_eq!(panel.scene.discs.len(), 24 * dots + 40, "{family}");
+            let raised = panel
+                .scene
+                .discs
+                .iter()
+                .filter(|d| d.placement.origin.z > 1.0);
+            assert_eq!(raised.count(), if dots == 1 { 5 } else { 0 });
+            for (image, dots) in panel.truth().images {
+                let whole = dots.iter().filter(|dot| dot.is_whole()).count();
+                assert!(
+                    whole > dots.len() * 9 / 10,
+                    "{image}: {whole} of {}",
+                    dots.len()
+                );
+            }
+        }
+    }
 }

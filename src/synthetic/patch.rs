@@ -346,7 +346,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_share_of_a_cell_is_that_of_fine_sampling(angle in 0.0..6.28, distance in -0.8..0.8) {
+        fn the_share_of_a_cell_is_that_of_fine_sampling(angle in 0.0..std::f64::consts::TAU, distance in -0.8..0.8) {
             let (sin, cos): (f64, f64) = f64::sin_cos(angle);
             let at = |x: f64, y: f64| (x - 0.5) * cos + (y - 0.5) * sin + distance;
             let share = share_inside([at(0.0, 0.0), at(1.0, 0.0), at(0.0, 1.0), at(1.0, 1.0)]);

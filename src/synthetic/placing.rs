@@ -149,7 +149,7 @@ impl Face {
         Ok(())
     }
 
-    /// Places ring codes: `lift(random)` says how high each stands above the face.
+    /// Places for ring codes, as far from each other as there is room, each turned at random.
     pub(super) fn ring_places(
         &mut self,
         count: usize,

@@ -58,10 +58,12 @@ pub(super) struct Outlook {
 }
 
 /// `count` outlooks: two steep ones from opposite sides (when there are at least four), the others in rings of rising
-/// elevation, each with jitter and with rolls that go round in quarter turns.
+/// elevation, each with jitter and with rolls that go round in quarter turns. `crowding` (0 to 0.4, 0: even) draws
+/// them together towards +x and -x, where a long object's faces stand farthest out and are seen most obliquely.
 pub(super) fn outlooks_round(
     count: usize,
     rings: &[(f64, f64)],
+    crowding: f64,
     random: &mut ChaCha8Rng,
 ) -> Vec<Outlook> {
     let nadirs = if count >= 4 { 2 } else { 0 };
@@ -78,10 +80,12 @@ pub(super) fn outlooks_round(
     for (ring, (&(elevation, _), &share)) in rings.iter().zip(&shares).enumerate() {
         for k in 0..share {
             let step = 360.0 / share as f64;
+            let even = turn
+                + step * (k as f64 + 0.37 * ring as f64)
+                + random.random_range(-0.15..0.15) * step;
+            let crowded = even.to_radians() - crowding * (2.0 * even.to_radians()).sin();
             outlooks.push(Outlook {
-                azimuth_deg: turn
-                    + step * (k as f64 + 0.37 * ring as f64)
-                    + random.random_range(-0.15..0.15) * step,
+                azimuth_deg: crowded.to_degrees(),
                 elevation_deg: elevation + random.random_range(-4.0..4.0),
                 quarter_turns: (k + ring) as u32 % 4,
             });
@@ -144,7 +148,7 @@ impl Framing<'_> {
             Pose::looking_at(target + turn * Vector3::x() * distance, target, up, roll)
         };
         let wanted = |pose: &Pose| {
-            let upright = if outlook.quarter_turns % 2 == 0 {
+            let upright = if outlook.quarter_turns.is_multiple_of(2) {
                 self.upright
             } else {
                 &[]
@@ -161,9 +165,9 @@ impl Framing<'_> {
         while far - near > 0.5 {
             let middle = (near * far).sqrt();
             if wanted(&at(middle)) {
-                far = middle
+                far = middle;
             } else {
-                near = middle
+                near = middle;
             }
         }
         Ok(at(far * spare))
