@@ -11,6 +11,7 @@ mod bundle;
 mod code_shape;
 mod connect;
 mod detect;
+mod device;
 mod first_pair;
 mod identify;
 mod lens;

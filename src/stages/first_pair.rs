@@ -1,0 +1,249 @@
+//! The first two images: from the reference cross where one is seen, else from the codes that both images show.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use super::connect::update;
+use super::device::{DeviceView, device_views, label_device};
+use super::resection::intersect_new_points;
+use super::scale::apply_scale;
+use super::{Halt, StageError};
+use crate::camera::Camera;
+use crate::geometry::Pose;
+use crate::monitor::Monitor;
+use crate::network::{ImageEntry, ImageId, Network, Point, PointId, Station};
+use crate::orientation::relative::{RelativeOrientation, relative_orientation, RelativeSettings};
+use crate::targets::DotIndex;
+
+/// Fewest common labelled dots from which two images are oriented to each other.
+const DOTS_FOR_A_PAIR: usize = 8;
+
+/// Pairs of images that are tried for a relative orientation: those with most common dots.
+const PAIRS_TO_ORIENT: usize = 24;
+
+/// Pairs that are built into a network before the stage gives up.
+const PAIRS_TO_BUILD: usize = 12;
+
+/// How far a dot may lie from its place by the relative orientation, px; the next one is tried where fewer than
+/// [`SHARE_TO_AGREE`] of the dots agree: a nominal lens is off by tens of pixels in the corners.
+const TOLERANCES_PX: [f64; 4] = [2.0, 5.0, 12.0, 25.0];
+
+/// Share of the common dots that must agree.
+const SHARE_TO_AGREE: f64 = 0.7;
+
+/// Angle between the rays beyond which more is no gain, radians (35 degrees).
+const ANGLE_ENOUGH: f64 = 0.6;
+
+/// Fewest code dots with coordinates that let the third image be connected.
+const POINTS_TO_GO_ON: usize = 4;
+
+/// Two oriented images under trial.
+#[derive(Clone, Debug)]
+struct Start {
+    images: [ImageId; 2],
+    poses: [Pose; 2],
+    score: f64,
+}
+
+/// Orients the first pair: candidates in the order of their score, the first one that makes a network.
+pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> {
+    let with_targets: Vec<(ImageId, &ImageEntry)> = network
+        .used_images()
+        .filter(|(_, image)| image.detections.as_ref().is_some_and(|d| !d.dots.is_empty()))
+        .collect();
+    if with_targets.len() < 2 {
+        return Err(Halt::Failed(StageError::TooFewImages { found: with_targets.len() }));
+    }
+    let views = device_views(network, monitor)?;
+    for view in &views {
+        label_device(network, view);
+    }
+    let mut starts = starts_from_device(network, &views);
+    let mut reason = if network.device.is_empty() {
+        String::new()
+    } else {
+        format!("the cross was recognised in {} images; ", views.len())
+    };
+    match build_best(network, &starts, monitor)? {
+        Ok(()) => return Ok(()),
+        Err(why) if !starts.is_empty() => reason.push_str(&format!("from the cross: {why}; ")),
+        Err(_) => {}
+    }
+    starts = starts_from_codes(network, monitor)?;
+    if starts.is_empty() {
+        let most = pairs_by_common_dots(network).first().map_or(0, |pair| pair.dots.len());
+        reason.push_str(&format!(
+            "the two images with most codes in common share {most} code dots, {DOTS_FOR_A_PAIR} that fit are needed"
+        ));
+        return Err(Halt::Failed(StageError::NoFirstPair { reason }));
+    }
+    match build_best(network, &starts, monitor)? {
+        Ok(()) => Ok(()),
+        Err(why) => {
+            reason.push_str(&format!("from the codes: {why}"));
+            Err(Halt::Failed(StageError::NoFirstPair { reason }))
+        }
+    }
+}
+
+/// Builds the pairs in order of their score until one gives a network; `Ok(Err(reason))` where none does.
+fn build_best(network: &mut Network, starts: &[Start], monitor: &Monitor) -> Result<Result<(), String>, Halt> {
+    let task = monitor.task("orienting the first pair", starts.len().min(PAIRS_TO_BUILD) as u64);
+    let mut reason = "no pair to start from".to_owned();
+    for start in starts.iter().take(PAIRS_TO_BUILD) {
+        task.step()?;
+        match build(network, start, monitor) {
+            Ok(built) => {
+                *network = built;
+                return Ok(Ok(()));
+            }
+            Err(Halt::Interrupted) => return Err(Halt::Interrupted),
+            Err(Halt::Failed(error)) => reason = error.to_string(),
+        }
+    }
+    Ok(Err(reason))
+}
+
+/// The network of two images: stations, the cross, the codes that both show, adjusted.
+fn build(network: &Network, start: &Start, monitor: &Monitor) -> Result<Network, Halt> {
+    let mut built = network.clone();
+    for (id, pose) in start.images.iter().zip(&start.poses) {
+        built.image_mut(*id).station = Some(Station { pose: *pose, covariance: None });
+        built.image_mut(*id).attempt = None;
+    }
+    built.connection_order = Arc::new(start.images.to_vec());
+    built.points = Arc::default();
+    intersect_new_points(&mut built);
+    apply_scale(&mut built);
+    let codes = |network: &Network| {
+        network.points.iter().filter(|(id, p)| matches!(id, PointId::Code { .. }) && p.rays >= 2).count()
+    };
+    if codes(&built) < POINTS_TO_GO_ON {
+        let found = codes(&built);
+        let reason = format!("the pair gives coordinates to {found} code dots, {POINTS_TO_GO_ON} are needed");
+        return Err(Halt::Failed(StageError::NoFirstPair { reason }));
+    }
+    update(&mut built, monitor)?;
+    built.points = Arc::new(still_supported(&built));
+    if codes(&built) < POINTS_TO_GO_ON {
+        let reason = "most rays of the pair do not meet".to_owned();
+        return Err(Halt::Failed(StageError::NoFirstPair { reason }));
+    }
+    Ok(built)
+}
+
+/// The points that the pair's adjustment kept.
+fn still_supported(network: &Network) -> BTreeMap<PointId, Arc<Point>> {
+    network
+        .points
+        .iter()
+        .filter(|(_, point)| point.covariance.is_some() && point.rays >= 2)
+        .map(|(id, point)| (*id, Arc::clone(point)))
+        .collect()
+}
+
+/// Pairs of images that show the cross, best first: many common dots, rays at a good angle, the cross near the centres.
+fn starts_from_device(network: &Network, views: &[DeviceView]) -> Vec<Start> {
+    let mut starts = Vec::new();
+    for (index, first) in views.iter().enumerate() {
+        for second in &views[index + 1..] {
+            let common = common_dots(&network.images[&first.image], &network.images[&second.image]).len();
+            for (rank_first, pose_first) in first.poses.iter().enumerate() {
+                for (rank_second, pose_second) in second.poses.iter().enumerate() {
+                    let to_first = pose_first.centre_in_world.normalize();
+                    let to_second = pose_second.centre_in_world.normalize();
+                    let angle = to_first.cross(&to_second).norm().atan2(to_first.dot(&to_second));
+                    let central = (first.centrality + second.centrality) / 2.0;
+                    // A second pose of a flat cross is right only where the first one is wrong.
+                    let unlikely = 0.25_f64.powi((rank_first + rank_second) as i32);
+                    starts.push(Start {
+                        images: [first.image, second.image],
+                        poses: [*pose_first, *pose_second],
+                        score: common as f64 * (angle / ANGLE_ENOUGH).min(1.0) * central * unlikely,
+                    });
+                }
+            }
+        }
+    }
+    sort_by_score(&mut starts);
+    starts
+}
+
+/// Pairs of images with most codes in common, relatively oriented, best first.
+fn starts_from_codes(network: &Network, monitor: &Monitor) -> Result<Vec<Start>, Halt> {
+    let pairs = pairs_by_common_dots(network);
+    let pairs: Vec<&CommonPair> = pairs
+        .iter()
+        .filter(|pair| pair.dots.len() >= DOTS_FOR_A_PAIR)
+        .take(PAIRS_TO_ORIENT)
+        .collect();
+    let task = monitor.task("orienting pairs of images", pairs.len() as u64);
+    let oriented: Vec<Option<Start>> = pairs
+        .par_iter()
+        .map(|pair| {
+            task.step()?;
+            Ok(orient(network, pair))
+        })
+        .collect::<Result<_, Halt>>()?;
+    let mut starts: Vec<Start> = oriented.into_iter().flatten().collect();
+    sort_by_score(&mut starts);
+    Ok(starts)
+}
+
+fn sort_by_score(starts: &mut [Start]) {
+    starts.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.images.cmp(&b.images)));
+}
+
+/// Two images and the dots that carry the same label.
+struct CommonPair {
+    images: [ImageId; 2],
+    dots: Vec<[DotIndex; 2]>,
+}
+
+/// All pairs of images, those with most common dots first.
+///
+/// Cost: images squared times dots.
+fn pairs_by_common_dots(network: &Network) -> Vec<CommonPair> {
+    let images: Vec<(ImageId, &ImageEntry)> = network.used_images().collect();
+    let mut pairs = Vec::new();
+    for (index, (first, first_entry)) in images.iter().enumerate() {
+        for (second, second_entry) in &images[index + 1..] {
+            let dots = common_dots(first_entry, second_entry);
+            if !dots.is_empty() {
+                pairs.push(CommonPair { images: [*first, *second], dots });
+            }
+        }
+    }
+    pairs.sort_by_key(|pair| (std::cmp::Reverse(pair.dots.len()), pair.images));
+    pairs
+}
+
+fn common_dots(first: &ImageEntry, second: &ImageEntry) -> Vec<[DotIndex; 2]> {
+    let in_second: BTreeMap<PointId, DotIndex> = second.used_labels().map(|(dot, l)| (l.point, dot)).collect();
+    first.used_labels().filter_map(|(dot, l)| Some([dot, *in_second.get(&l.point)?])).collect()
+}
+
+/// The relative orientation of a pair at the tightest tolerance at which most dots agree.
+fn orient(network: &Network, pair: &CommonPair) -> Option<Start> {
+    let entries = pair.images.map(|id| &network.images[&id]);
+    let cameras: [&Camera; 2] = entries.map(|entry| &network.camera_of(entry).camera);
+    let detections = [entries[0].detections.as_ref()?, entries[1].detections.as_ref()?];
+    let rays: Vec<[Vector3<f64>; 2]> = pair
+        .dots
+        .iter()
+        .map(|dots| std::array::from_fn(|k| cameras[k].ray(&detections[k].dots[dots[k].slot()].centre_px)))
+        .collect();
+    let found = TOLERANCES_PX.iter().find_map(|&tolerance_px| {
+        let settings = RelativeSettings { tolerance_px, seed: network.settings.seed, ..RelativeSettings::default() };
+        let found: RelativeOrientation = relative_orientation(&rays, cameras, &settings).ok()?;
+        (found.inlier_count as f64 >= SHARE_TO_AGREE * rays.len() as f64).then_some(found)
+    })?;
+    Some(Start {
+        images: pair.images,
+        poses: found.poses,
+        score: found.inlier_count as f64 * (found.median_angle / ANGLE_ENOUGH).min(1.0),
+    })
+}
