@@ -4,4 +4,6 @@ pub mod camera;
 pub mod geometry;
 pub mod monitor;
 pub mod network;
+pub mod project;
+pub mod report;
 pub mod targets;

@@ -1,0 +1,3 @@
+//! The project: what the operator keeps.
+
+pub mod files;
