@@ -2,6 +2,7 @@
 
 pub mod adjustment;
 pub mod camera;
+pub mod commands;
 pub mod geometry;
 pub mod imaging;
 pub mod matching;
@@ -9,5 +10,7 @@ pub mod monitor;
 pub mod network;
 pub mod orientation;
 pub mod project;
+pub mod report;
+pub mod stages;
 pub mod synthetic;
 pub mod targets;

@@ -1,0 +1,30 @@
+//! What leaves the program: tables, CSV, TOML, JSON.
+//!
+//! Everything is made from a [`crate::network::Network`] as a text or as a value to serialise, and only [`write_file`] touches the disk. Numbers
+//! name their unit in the header. No stale number passes for a fresh one: what is derived from an adjustment is refused
+//! where the adjustment is older than its inputs ([`NoFigures`]).
+
+mod camera_file;
+mod codes;
+mod compare;
+mod connectivity;
+mod csv_text;
+mod detect;
+mod export;
+mod file;
+#[cfg(test)]
+mod fixture;
+mod summary;
+
+pub use camera_file::{CameraFile, cameras_toml};
+pub use codes::codes_csv;
+pub use compare::{
+    Agreement, CompareError, CompareSettings, Comparison, Counterpart, Difference, ReferencePoint,
+    compare,
+};
+pub use connectivity::{connectivity_findings, connectivity_table};
+pub use csv_text::csv_text;
+pub use detect::{DetectReport, detect_line};
+pub use export::{NoFigures, export_cameras, export_observations, export_points, export_stations};
+pub use file::{WriteError, write_file};
+pub use summary::{FindingReport, RunSummary, StageRun};

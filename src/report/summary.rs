@@ -1,0 +1,228 @@
+//! What a run did, for programs and for people.
+
+use std::fmt::Write;
+
+use serde::Serialize;
+
+use super::export::adjusted_points;
+use crate::network::{About, AdjustmentResult, FindingKind, Network, Outcome, ScaleSource, Stage};
+
+/// A stage that ran.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct StageRun {
+    /// Which.
+    pub stage: Stage,
+    /// How long it took, s.
+    pub seconds: f64,
+    /// How it ended.
+    pub outcome: Outcome,
+}
+
+/// What `run --json` tells; figures of the adjustment are `None` where there is none that belongs to the present inputs.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RunSummary {
+    /// The stages that ran, in order.
+    pub stages: Vec<StageRun>,
+    /// Images in use.
+    pub images: usize,
+    /// Of these with an orientation.
+    pub images_oriented: usize,
+    /// Dots detected in images in use.
+    pub targets: usize,
+    /// Of these with a label.
+    pub labelled: usize,
+    /// Adjusted points, or points with approximate coordinates where there is no adjustment.
+    pub points: usize,
+    /// Standard deviation of unit weight, without unit.
+    pub sigma0: Option<f64>,
+    /// sigma0 as a pixel measure.
+    pub sigma0_px: Option<f64>,
+    /// Rms residual per coordinate, px.
+    pub rms_px: Option<f64>,
+    /// Rms standard error of station coordinates, mm.
+    pub sigma_station_mm: Option<f64>,
+    /// Degrees of freedom.
+    pub redundancy: Option<i64>,
+    /// Where the scale comes from.
+    pub scale_from: Option<ScaleSource>,
+    /// What the stages noticed.
+    pub findings: Vec<FindingReport>,
+    #[serde(skip)]
+    datum: Option<String>,
+}
+
+/// A finding with names in place of ids.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FindingReport {
+    /// Its class.
+    pub kind: FindingKind,
+    /// Path of an image, label of a point, name of a bar or camera, or `project`.
+    pub about: String,
+    /// One sentence.
+    pub text: String,
+}
+
+impl RunSummary {
+    /// The summary of a network after these stages ran.
+    #[must_use]
+    pub fn new(network: &Network, stages: &[StageRun]) -> Self {
+        let adjustment: Option<&AdjustmentResult> = network
+            .adjustment
+            .as_deref()
+            .filter(|_| network.adjustment_is_fresh());
+        let mut targets = 0;
+        let mut labelled = 0;
+        for (_, image) in network.used_images() {
+            if let Some(detections) = &image.detections {
+                targets += detections.dots.len();
+                labelled += image.labels.len();
+            }
+        }
+        Self {
+            stages: stages.to_vec(),
+            images: network.used_images().count(),
+            images_oriented: network.oriented_images().count(),
+            targets,
+            labelled,
+            points: match adjustment {
+                Some(adjustment) => adjusted_points(network, adjustment).len(),
+                None => network.points.len(),
+            },
+            sigma0: adjustment.map(|a| a.sigma0),
+            sigma0_px: adjustment.map(|a| a.sigma0_px),
+            rms_px: adjustment.map(|a| a.rms_px),
+            sigma_station_mm: adjustment.map(|a| a.sigma_station_mm),
+            redundancy: adjustment.map(|a| a.redundancy),
+            scale_from: adjustment.map(|a| a.scale_from),
+            findings: network
+                .findings
+                .iter()
+                .map(|finding| FindingReport {
+                    kind: finding.kind,
+                    about: about(network, &finding.about),
+                    text: finding.text.clone(),
+                })
+                .collect(),
+            datum: adjustment.map(|a| a.datum.clone()),
+        }
+    }
+
+    /// The summary for people.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let mut text = String::new();
+        // Writing to a String cannot fail.
+        for run in &self.stages {
+            let (stage, outcome) = (run.stage.to_string(), run.outcome);
+            let _ = writeln!(text, "{stage:<13} {:>8.2} s  {outcome}", run.seconds);
+        }
+        let _ = writeln!(
+            text,
+            "images        {} oriented of {}",
+            self.images_oriented, self.images
+        );
+        let _ = writeln!(
+            text,
+            "targets       {} labelled of {}",
+            self.labelled, self.targets
+        );
+        let _ = writeln!(text, "points        {}", self.points);
+        match (
+            self.sigma0,
+            self.sigma0_px,
+            self.rms_px,
+            self.sigma_station_mm,
+        ) {
+            (Some(sigma0), Some(sigma0_px), Some(rms_px), Some(sigma_station)) => {
+                let _ = writeln!(
+                    text,
+                    "sigma0        {sigma0:.3} ({sigma0_px:.4} px), rms {rms_px:.4} px, redundancy {}",
+                    self.redundancy.unwrap_or_default()
+                );
+                let _ = writeln!(text, "sigma station {sigma_station:.4} mm (a posteriori)");
+            }
+            _ => text.push_str("sigma0        no adjustment of the present measurement\n"),
+        }
+        if let Some(scale) = self.scale_from {
+            let _ = writeln!(text, "scale from    {scale}");
+        }
+        if let Some(datum) = &self.datum {
+            let _ = writeln!(text, "datum         {datum}");
+        }
+        for finding in &self.findings {
+            let _ = writeln!(text, "! {}: {}", finding.about, finding.text);
+        }
+        text
+    }
+}
+
+fn about(network: &Network, about: &About) -> String {
+    match about {
+        About::Project => "project".to_owned(),
+        About::Image(id) => network
+            .images
+            .get(id)
+            .map_or_else(|| format!("image {}", id.0), |i| i.file.path.clone()),
+        About::Point(id) => network.label(*id),
+        About::Bar(name) | About::Camera(name) => name.clone(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::fixture;
+    use super::*;
+    use crate::network::{Finding, ImageId};
+
+    fn network() -> Network {
+        let mut network = fixture::network();
+        network.note(Finding {
+            stage: Stage::Connect,
+            kind: FindingKind::UnconnectedImage,
+            about: About::Image(ImageId(2)),
+            text: "too few codes".into(),
+        });
+        network
+    }
+
+    const RUNS: [StageRun; 1] = [StageRun {
+        stage: Stage::FirstPair,
+        seconds: 1.5,
+        outcome: Outcome::Done,
+    }];
+
+    #[test]
+    fn the_summary_has_the_keys_of_the_contract() {
+        let json = serde_json::to_string(&RunSummary::new(&network(), &RUNS)).unwrap();
+        assert_eq!(
+            json,
+            r#"{"stages":[{"stage":"first-pair","seconds":1.5,"outcome":"done"}],"images":2,"images_oriented":1,"targets":8,"labelled":5,"points":3,"sigma0":1.02,"sigma0_px":0.0204,"rms_px":0.018,"sigma_station_mm":0.21,"redundancy":42,"scale_from":"codes","findings":[{"kind":"unconnected-image","about":"img_2.png","text":"too few codes"}]}"#
+        );
+    }
+
+    #[test]
+    fn stale_figures_are_not_told() {
+        let mut network = network();
+        network.inputs += 1;
+        let summary = RunSummary::new(&network, &[]);
+        assert_eq!(summary.sigma0, None);
+        let json = serde_json::to_string(&summary).unwrap();
+        assert!(json.contains(r#""sigma0":null,"sigma0_px":null"#), "{json}");
+        assert!(
+            summary
+                .text()
+                .contains("no adjustment of the present measurement")
+        );
+    }
+
+    #[test]
+    fn people_read_the_same() {
+        let text = RunSummary::new(&network(), &RUNS).text();
+        assert!(
+            text.starts_with("first-pair        1.50 s  done\n"),
+            "{text}"
+        );
+        assert!(text.contains("images        1 oriented of 2\n"), "{text}");
+        assert!(text.contains("! img_2.png: too few codes\n"), "{text}");
+    }
+}
