@@ -12,7 +12,7 @@ use tiepoint::targets::Family;
 
 /// Industrial vision metrology: from photographs of coded and plain targets to coordinates with true sigmas.
 #[derive(Parser)]
-#[command(version, about, max_term_width = 100)]
+#[command(version, about)]
 struct Arguments {
     #[command(subcommand)]
     command: Command,

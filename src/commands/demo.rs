@@ -312,6 +312,12 @@ fn file_list(files: &DemoFiles) -> String {
     )
 }
 
+/// Plain targets stand under the scene's own names, which no measurement knows: they are compared by place.
 fn reference_point((name, [x, y, z]): (String, [f64; 3])) -> ReferencePoint {
-    todo_reference(name, [x, y, z])
+    ReferencePoint {
+        label: Some(name.clone()).filter(|name| !name.starts_with('T')),
+        name,
+        coordinates_mm: [Some(x), Some(y), Some(z)],
+        sigmas_mm: [None; 3],
+    }
 }

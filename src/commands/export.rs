@@ -10,7 +10,7 @@ use crate::network::Network;
 use crate::project::files::read_reference;
 use crate::project::storage::Store;
 use crate::report::{
-    CompareSettings, compare as compare_points, export_cameras, export_observations, export_points,
+    CompareSettings, NoFigures, compare as compare_points, export_cameras, export_observations, export_points,
     export_stations, write_file,
 };
 
@@ -39,7 +39,7 @@ fn read_project(project: &Path) -> Result<Arc<Network>, CommandError> {
 /// [`CommandError`] where the project cannot be read, its adjustment is older than its inputs, or a file cannot be written.
 pub fn export(request: &ExportRequest) -> Result<(), CommandError> {
     let network = read_project(&request.project)?;
-    let work = |e: crate::report::NoFigures| CommandError::work(format!("{}: {e}", request.project.display()));
+    let work = |e: NoFigures| CommandError::work(format!("{}: {e}", request.project.display()));
     if let Some(path) = &request.points {
         write_file(path, export_points(&network).map_err(work)?.as_bytes())?;
     }

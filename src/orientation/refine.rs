@@ -148,7 +148,7 @@ pub(super) struct IdealFit {
 }
 
 /// [`refine_pose`] on ideal image points, all of one weight.
-pub(super) fn refine_on_ideal_points(
+pub fn refine_on_ideal_points(
     points: &[IdealPoint],
     principal_distance: f64,
     start: &Pose,

@@ -5,10 +5,11 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::SystemTime;
 
-use super::history::History;
+use super::history::{History, HistorySettings};
 use super::intake::picture_path;
-use super::storage::{JournalLine, StorageError, Store};
+use super::storage::{JournalLine, Opened, StorageError, Store, utc_text};
 use crate::imaging::{GreyImage, LoadSettings, load_picture};
 use crate::monitor::Monitor;
 use crate::network::{ImageEntry, Network, Outcome, Stage};
@@ -84,7 +85,9 @@ pub enum Finished {
 pub struct Session {
     network: Arc<Network>,
     history: History,
-    store: Store,
+    /// `None`: open for reading only.
+    store: Option<Store>,
+    warnings: Vec<String>,
     pictures: Arc<PictureFiles>,
 }
 
@@ -96,7 +99,7 @@ impl Session {
     pub fn create(path: &Path, network: Network) -> Result<Self, StorageError> {
         let network = Arc::new(network);
         let store = Store::create(path, &network)?;
-        Ok(Self::with(path, network, store))
+        Ok(Self::with(path, network, Some(store)))
     }
 
     /// An existing project file.
@@ -104,13 +107,26 @@ impl Session {
     /// # Errors
     /// [`StorageError`] where it is no project, damaged, made by a newer version, or open elsewhere.
     pub fn open(path: &Path) -> Result<Self, StorageError> {
-        let (store, network) = Store::open(path)?;
-        Ok(Self::with(path, network, store))
+        let Opened { network, store, warnings, .. } = Store::open(path)?;
+        Ok(Self { warnings, ..Self::with(path, network, store) })
     }
 
-    fn with(path: &Path, network: Arc<Network>, store: Store) -> Self {
-        let history = History::new(Arc::clone(&network));
-        Self { network, history, store, pictures: Arc::new(PictureFiles { folder: folder_of(path) }) }
+    fn with(path: &Path, network: Arc<Network>, store: Option<Store>) -> Self {
+        let history = History::new(Arc::clone(&network), HistorySettings::default());
+        let pictures = Arc::new(PictureFiles { folder: folder_of(path) });
+        Self { network, history, store, warnings: Vec::new(), pictures }
+    }
+
+    /// Why the document is open for reading only, and what of it could not be read; empty where all is well.
+    #[must_use]
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
+    /// Whether changes can be saved.
+    #[must_use]
+    pub fn is_writable(&self) -> bool {
+        self.store.is_some()
     }
 
     /// The document.
@@ -189,10 +205,22 @@ impl Session {
 
     fn adopt(&mut self, title: &str, network: Network, outcome: Option<Outcome>) -> Result<(), StorageError> {
         let network = Arc::new(network);
-        self.store.save(&network, Some(&JournalLine::now(title, &network, outcome)))?;
+        if let Some(store) = &mut self.store {
+            store.save(&network, Some(&journal_line(title, &network, outcome)))?;
+        }
         self.history.push(title, Arc::clone(&network));
         self.network = network;
         Ok(())
+    }
+}
+
+fn journal_line(title: &str, network: &Network, outcome: Option<Outcome>) -> JournalLine {
+    JournalLine {
+        utc: utc_text(SystemTime::now()),
+        what: title.to_owned(),
+        settings: serde_json::to_string(network.settings.as_ref()).unwrap_or_default(),
+        outcome: outcome.map(|outcome| outcome.to_string()).unwrap_or_default(),
+        sigma0: network.adjustment.as_ref().map(|adjustment| adjustment.sigma0),
     }
 }
 

@@ -15,6 +15,7 @@ mod file;
 #[cfg(test)]
 mod fixture;
 mod summary;
+mod truth_check;
 
 pub use camera_file::{CameraFile, cameras_toml};
 pub use codes::codes_csv;

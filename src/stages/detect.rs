@@ -48,14 +48,15 @@ pub(super) fn run(
         return Err(Halt::Interrupted);
     }
     for (&id, found) in images.iter().zip(found) {
+        let Some(found) = found else { continue };
         let image = network.image_mut(id);
         match found {
-            Some(Ok(detections)) => adopt(image, detections),
-            Some(Err(reason)) => image.unreadable = Some(reason),
-            None => {}
+            Ok(detections) => adopt(image, detections),
+            Err(reason) => image.unreadable = Some(reason),
         }
+        // One a picture, not one a batch: an interrupted batch must count as much as a whole one.
+        network.inputs += 1;
     }
-    network.inputs += 1;
     Ok(Advance { network, complete })
 }
 

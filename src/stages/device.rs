@@ -92,7 +92,7 @@ fn recognise(network: &Network, id: ImageId, image: &ImageEntry) -> Option<Devic
 fn dlt_pose(points: &[IdealPoint], c: f64, pixel_pitch_mm: f64) -> Option<Pose> {
     let settings = DltSettings { image_sigma_mm: 0.1 * pixel_pitch_mm };
     let start = direct_linear_transformation(points, &settings).ok()?.pose;
-    refine_on_ideal_points(points, c, &start).map(|fit| fit.pose)
+    refine_on_ideal_points(points, c, &start).ok().map(|fit| fit.pose)
 }
 
 /// Names the device's dots in an image; dots that carry a name keep it.

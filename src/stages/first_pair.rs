@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 use rayon::prelude::*;
 
 use super::connect::update;
@@ -15,7 +15,7 @@ use crate::camera::Camera;
 use crate::geometry::Pose;
 use crate::monitor::Monitor;
 use crate::network::{ImageEntry, ImageId, Network, Point, PointId, Station};
-use crate::orientation::relative::{RelativeOrientation, relative_orientation, RelativeSettings};
+use crate::orientation::relative::{PixelPair, RelativePose, RelativeSettings, relative_orientation};
 use crate::targets::DotIndex;
 
 /// Fewest common labelled dots from which two images are oriented to each other.
@@ -181,7 +181,7 @@ fn starts_from_codes(network: &Network, monitor: &Monitor) -> Result<Vec<Start>,
         .take(PAIRS_TO_ORIENT)
         .collect();
     let task = monitor.task("orienting pairs of images", pairs.len() as u64);
-    let oriented: Vec<Option<Start>> = pairs
+    let oriented: Vec<Vec<Start>> = pairs
         .par_iter()
         .map(|pair| {
             task.step()?;
@@ -226,24 +226,32 @@ fn common_dots(first: &ImageEntry, second: &ImageEntry) -> Vec<[DotIndex; 2]> {
     first.used_labels().filter_map(|(dot, l)| Some([dot, *in_second.get(&l.point)?])).collect()
 }
 
-/// The relative orientation of a pair at the tightest tolerance at which most dots agree.
-fn orient(network: &Network, pair: &CommonPair) -> Option<Start> {
+/// The relative orientations of a pair at the tightest tolerance at which most dots agree; on flat scenes there may be
+/// two, of which the network decides.
+fn orient(network: &Network, pair: &CommonPair) -> Vec<Start> {
     let entries = pair.images.map(|id| &network.images[&id]);
+    let [Some(first), Some(second)] = entries.map(|entry| entry.detections.as_ref()) else { return Vec::new() };
     let cameras: [&Camera; 2] = entries.map(|entry| &network.camera_of(entry).camera);
-    let detections = [entries[0].detections.as_ref()?, entries[1].detections.as_ref()?];
-    let rays: Vec<[Vector3<f64>; 2]> = pair
+    let pixels: Vec<PixelPair> = pair
         .dots
         .iter()
-        .map(|dots| std::array::from_fn(|k| cameras[k].ray(&detections[k].dots[dots[k].slot()].centre_px)))
+        .map(|dots| PixelPair {
+            first: first.dots[dots[0].slot()].centre_px,
+            second: second.dots[dots[1].slot()].centre_px,
+        })
         .collect();
     let found = TOLERANCES_PX.iter().find_map(|&tolerance_px| {
         let settings = RelativeSettings { tolerance_px, seed: network.settings.seed, ..RelativeSettings::default() };
-        let found: RelativeOrientation = relative_orientation(&rays, cameras, &settings).ok()?;
-        (found.inlier_count as f64 >= SHARE_TO_AGREE * rays.len() as f64).then_some(found)
-    })?;
-    Some(Start {
+        let found = relative_orientation(cameras, &pixels, &settings).ok()?;
+        (found.best.inlier_count as f64 >= SHARE_TO_AGREE * pixels.len() as f64).then_some(found)
+    });
+    let start = |pose: RelativePose| Start {
         images: pair.images,
-        poses: found.poses,
-        score: found.inlier_count as f64 * (found.median_angle / ANGLE_ENOUGH).min(1.0),
-    })
+        poses: [
+            Pose { camera_from_world: Rotation3::identity(), centre_in_world: Vector3::zeros() },
+            pose.second,
+        ],
+        score: pose.inlier_count as f64 * (pose.median_angle / ANGLE_ENOUGH).min(1.0) / (1.0 + pose.rms_px),
+    };
+    found.into_iter().flat_map(|found| std::iter::once(found.best).chain(found.alternative)).map(start).collect()
 }
