@@ -404,7 +404,7 @@ fn a_number_read_twice_is_doubted_at_both_places() {
 fn a_bent_code_is_refused_with_a_reason() {
     let mut random = ChaCha8Rng::seed_from_u64(5);
     let mut places = code_places(100, Vector2::zeros(), 0.0);
-    places[4] += Vector2::new(0.7, 0.5);
+    places[4] += Vector2::new(0.5, 0.3);
     let view = upright(&mut random);
     let (dots, _) = shuffled(photograph(&places, places[0], &view, &mut random), 6).unwrap();
     let reading = read_dot420(&dots, &Dot420Settings::default());
