@@ -10,8 +10,10 @@ use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 const MIDDLE: f64 = 3.0;
 /// Gauss-Newton steps; from the affine start three reach 1e-9 px, as the perspective inside a code is slight.
 const STEPS: usize = 5;
-/// Perspective expected without looking at the areas: standard deviation of the change of scale per pitch (5 % over 6).
-const PERSPECTIVE_SIGMA: f64 = 0.05 / 6.0;
+/// Perspective expected without looking at the areas: standard deviation of the change of depth across six pitches, for dots
+/// seen round (a plane parallel to the picture has none) and what obliquity adds.
+const PERSPECTIVE_ROUND: f64 = 0.01;
+const PERSPECTIVE_OBLIQUE: f64 = 0.04;
 /// Standard deviation of the logarithm of an outline's area: this much, and this many pixels over its smaller diameter.
 const LOG_AREA_SIGMA: f64 = 0.04;
 const LOG_AREA_PX: f64 = 0.3;
@@ -25,7 +27,7 @@ pub(super) struct GridDot {
     pub(super) centre_px: Vector2<f64>,
     /// Standard deviation of the centre including that of the model, px.
     pub(super) sigma_px: f64,
-    /// Logarithm of the area of the outline, px^2 up to a factor common to all.
+    /// Logarithm of the product of the outline's diameters, px^2.
     pub(super) log_area: f64,
     /// Smaller diameter of the outline, px.
     pub(super) minor_px: f64,
@@ -143,7 +145,11 @@ fn perspective_from_areas(dots: &[GridDot; 6]) -> (Vector2<f64>, Matrix2<f64>) {
         .sum::<Vector2<f64>>()
         / total;
     let level = dots.iter().map(|d| d.log_area * weight(d)).sum::<f64>() / total;
-    let mut normal = Matrix2::identity() / (PERSPECTIVE_SIGMA * PERSPECTIVE_SIGMA);
+    let aspect = |dot: &GridDot| (dot.minor_px * dot.minor_px / dot.log_area.exp()).min(1.0);
+    let aspect = dots.iter().map(aspect).sum::<f64>() / 6.0;
+    let obliquity = (1.0 - aspect * aspect).sqrt();
+    let sigma = (PERSPECTIVE_ROUND + PERSPECTIVE_OBLIQUE * obliquity) / 6.0;
+    let mut normal = Matrix2::identity() / (sigma * sigma);
     let mut right = Vector2::zeros();
     for dot in dots {
         let by_terms = (place(dot) - middle) * -3.0;
@@ -168,7 +174,7 @@ mod tests {
                 grid,
                 centre_px: Vector2::new(700.0 + (9.0 * x + 2.0 * y) / w, 400.0 + (x - 7.0 * y) / w),
                 sigma_px: 0.05,
-                log_area: -3.0 * w.ln(),
+                log_area: (9.0_f64 * 6.0).ln() - 3.0 * w.ln(),
                 minor_px: 6.0,
             }
         })

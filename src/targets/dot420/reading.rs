@@ -9,7 +9,7 @@ use super::outline::{Agreement, Outline, agreement, ovalness};
 use crate::targets::{CodeReading, Dot, DotIndex, Family, Rejected};
 
 /// Refused readings are reported up to this multiple of the largest misfit allowed; beyond it they are mere chance.
-const REPORTED_MISFIT_FACTOR: f64 = 2.0;
+const REPORTED_MISFIT_FACTOR: f64 = 1.5;
 /// This many foreign dots too near to a code's dots make it part of a field of plain targets.
 const FIELD_INTRUDERS: usize = 3;
 /// Names of the dots in the operator's words.
@@ -141,6 +141,9 @@ impl Field<'_> {
         }
         if plane.standardised > settings.certain_misfit {
             doubts.push(misfit);
+        }
+        if doubts.len() > 1 {
+            return Verdict::Refused(format!("like {label}, but {}", doubts.join("; ")));
         }
         Verdict::Read(doubts)
     }

@@ -11,14 +11,16 @@ pub struct Dot420Settings {
     /// Diameter of the dots, mm; default 5. Only its ratio to the pitch matters here.
     pub dot_mm: f64,
     /// Standard deviation of a dot's place on its plane, pitches: print, curvature of the surface and lens distortion
-    /// inside the code; default 0.006 (0.03 mm at a pitch of 5 mm).
+    /// inside the code; default 0.0035 (0.02 mm at a pitch of 5 mm).
     pub grid_sigma_pitches: f64,
     /// Standard deviation added to each centre, px, because a dot's own sigma knows nothing of its surroundings;
     /// default 0.02.
     pub centre_sigma_px: f64,
-    /// Standardised misfit up to which a reading is certain; default 2.3, which one true code in some 100 000 exceeds.
+    /// Standardised misfit up to which a reading is certain; default 1.8, which chance exceeds
+    /// once in 300 at worst (chi-square with six degrees of freedom, where the centres' own sigmas dominate).
     pub certain_misfit: f64,
-    /// Standardised misfit beyond which a reading is refused; between the two it carries a doubt; default 4.
+    /// Standardised misfit beyond which a reading is refused; between the two it carries a doubt; default 6
+    /// (0.1 mm at a pitch of 5 mm: a curved surface).
     pub refused_misfit: f64,
     /// Trust in an outline's semi-axes, px: blur and pixel size; default 0.35.
     pub outline_px: f64,
@@ -44,10 +46,10 @@ impl Default for Dot420Settings {
         Self {
             pitch_mm: 5.0,
             dot_mm: 5.0,
-            grid_sigma_pitches: 0.006,
+            grid_sigma_pitches: 0.0035,
             centre_sigma_px: 0.02,
-            certain_misfit: 2.3,
-            refused_misfit: 4.0,
+            certain_misfit: 1.8,
+            refused_misfit: 6.0,
             outline_px: 0.35,
             outline_share: 0.09,
             common_size_share: 0.2,

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use super::{Dot420Settings, read_dot420};
 use crate::camera::{Camera, InteriorOrientation};
 use crate::geometry::Pose;
-use crate::targets::{CodeReading, DOT420_AXES, Dot, DotIndex, dot420_table};
+use crate::targets::{CodeReading, DOT420_AXES, Dot, DotIndex, dot420_number, dot420_table};
 
 const PITCH_MM: f64 = 5.0;
 const DOT_MM: f64 = 5.0;
@@ -252,27 +252,9 @@ fn code_scene(tally: &mut Tally, seed: u64, tries: usize, missing: Option<usize>
     let mut seen = photograph(&places, aim, &view, &mut random);
     if let Some(missing) = missing {
         seen[missing] = None;
-        let code_centres: Vec<_> = seen[..6].iter().flatten().map(|d| d.centre_px).collect();
         let (dots, _) = shuffled(seen, 0).unwrap();
         tally.plain_dots += dots.len() - 5;
         let reading = read_dot420(&dots, &Dot420Settings::default());
-        for c in &reading.codes {
-            let own = c
-                .dots
-                .iter()
-                .filter(|d| {
-                    code_centres
-                        .iter()
-                        .any(|q| (q - dots[d.slot()].centre_px).norm() < 1e-9)
-                })
-                .count();
-            println!(
-                "FALSE seed {seed} own {own} tilt {:.0} dot {dot_px:.0} misfit {:.3} {:?}",
-                tilt.to_degrees(),
-                c.misfit,
-                c.doubt
-            );
-        }
         tally.count(&reading.codes, 0, &[]);
         return;
     }
@@ -304,42 +286,155 @@ fn grid_scene(tally: &mut Tally, seed: u64, spacing: [f64; 2], holes: f64) {
     let seen = photograph(&places, Vector2::zeros(), &view, &mut random);
     let (dots, _) = shuffled(seen, 0).unwrap();
     tally.plain_dots += dots.len();
-    tally.count(
-        &read_dot420(&dots, &Dot420Settings::default()).codes,
-        0,
-        &[],
+    let codes = read_dot420(&dots, &Dot420Settings::default()).codes;
+    tally.count(&codes, 0, &[]);
+}
+
+/// Every code once, at tilts up to 70 degrees, any roll, dots of 5 to 25 px.
+#[test]
+fn every_code_is_read_at_any_obliquity() {
+    let mut tally = Tally::default();
+    for seed in 0..420 {
+        code_scene(&mut tally, seed, 0, None);
+    }
+    assert!(tally.scenes >= 415, "{tally:?}");
+    assert!(tally.read * 100 >= tally.scenes * 99, "{tally:?}");
+    assert!(tally.read_with_doubt * 100 <= tally.scenes, "{tally:?}");
+    assert_eq!(
+        (tally.wrong_dots, tally.false_certain + tally.false_doubtful),
+        (0, 0),
+        "{tally:?}"
     );
 }
 
 #[test]
-fn figures() {
-    for (tries, n) in [(0, 2100), (60, 400), (400, 200)] {
-        let mut t = Tally::default();
-        for seed in 0..n {
-            code_scene(&mut t, seed, tries, None);
-        }
-        println!(
-            "code, {tries} tries: {t:?} recall {:.4}",
-            t.read as f64 / t.scenes as f64
+fn codes_are_read_in_dense_fields_and_no_plain_targets_are() {
+    let mut tally = Tally::default();
+    for seed in 0..60 {
+        code_scene(
+            &mut tally,
+            1000 + 7 * seed,
+            if seed % 4 == 0 { 400 } else { 60 },
+            None,
         );
     }
-    for (tries, n) in [(60, 5000)] {
-        let mut t = Tally::default();
-        for seed in 0..n {
-            code_scene(&mut t, seed, tries, Some(seed as usize / 420 % 6));
-        }
-        println!("missing, {tries} tries: {t:?}");
+    assert!(tally.read * 100 >= tally.scenes * 98, "{tally:?}");
+    assert_eq!((tally.wrong_dots, tally.false_certain), (0, 0), "{tally:?}");
+}
+
+/// A plain target may by chance stand where the hidden dot would make another code; it must be a matter of 1 in 1000.
+#[test]
+fn a_code_with_a_hidden_dot_gets_no_other_number() {
+    let mut tally = Tally::default();
+    for seed in 0..120 {
+        code_scene(&mut tally, 6000 + seed, 60, Some(seed as usize % 6));
     }
-    for spacing in [[10.0, 10.0], [15.0, 15.0], [9.0, 9.0], [12.5, 12.5]] {
-        for holes in [0.0, 0.5] {
-            let mut t = Tally::default();
-            for seed in 0..50 {
-                grid_scene(&mut t, seed, spacing, holes);
+    assert_eq!(tally.false_certain, 0, "{tally:?}");
+}
+
+#[test]
+fn plain_targets_in_rows_are_no_certain_codes() {
+    for spacing in [
+        [10.0, 10.0],
+        [15.0, 15.0],
+        [20.0, 20.0],
+        [30.0, 30.0],
+        [10.0, 15.0],
+    ] {
+        for holes in [0.0, 0.4] {
+            let mut tally = Tally::default();
+            for seed in 0..4 {
+                grid_scene(&mut tally, 77 + seed, spacing, holes);
             }
-            println!(
-                "grid {spacing:?} holes {holes}: false {} doubtful {} of {} dots",
-                t.false_certain, t.false_doubtful, t.plain_dots
-            );
+            assert_eq!(tally.false_certain, 0, "{spacing:?} {tally:?}");
         }
     }
+}
+
+fn upright(random: &mut ChaCha8Rng) -> View {
+    View::random(random, 0.6, 12.0)
+}
+
+/// The mirror image of a code is the code with x and y exchanged, never itself.
+#[test]
+fn a_mirrored_code_is_not_read_as_itself() {
+    let mut random = ChaCha8Rng::seed_from_u64(3);
+    for id in (1..=420).step_by(20) {
+        let places: Vec<Vector2<f64>> = code_places(id, Vector2::zeros(), 0.3)
+            .iter()
+            .map(|p| Vector2::new(-p.x, p.y))
+            .collect();
+        let view = upright(&mut random);
+        let (dots, truth) =
+            shuffled(photograph(&places, places[0], &view, &mut random), 6).unwrap();
+        let reading = read_dot420(&dots, &Dot420Settings::default());
+        let swapped = dot420_table()[id as usize - 1].map(|[x, y]| [y, x]);
+        assert_eq!(reading.codes.len(), 1);
+        assert_eq!(
+            Some(reading.codes[0].id),
+            dot420_number(swapped),
+            "mirror of {id}"
+        );
+        assert_eq!(reading.codes[0].dots[..3], [truth[0], truth[2], truth[1]]);
+    }
+}
+
+#[test]
+fn a_number_read_twice_is_doubted_at_both_places() {
+    let mut random = ChaCha8Rng::seed_from_u64(4);
+    let mut places = code_places(17, Vector2::zeros(), 0.0);
+    places.extend(code_places(17, Vector2::new(45.0, 5.0), 0.2));
+    places.extend(code_places(300, Vector2::new(0.0, 60.0), -0.1));
+    let view = upright(&mut random);
+    let aim = Vector2::new(35.0, 35.0);
+    let (dots, truth) = shuffled(photograph(&places, aim, &view, &mut random), 18).unwrap();
+    let codes = read_dot420(&dots, &Dot420Settings::default()).codes;
+    let ids: Vec<u32> = codes.iter().map(|c| c.id).collect();
+    assert_eq!(ids, [17, 17, 300]);
+    assert!(
+        codes[..2]
+            .iter()
+            .all(|c| c.doubt.as_ref().is_some_and(|d| d.contains("2 times")))
+    );
+    assert_eq!(codes[2].doubt, None);
+    assert_eq!(codes[2].dots, truth[12..]);
+}
+
+#[test]
+fn a_bent_code_is_refused_with_a_reason() {
+    let mut random = ChaCha8Rng::seed_from_u64(5);
+    let mut places = code_places(100, Vector2::zeros(), 0.0);
+    places[4] += Vector2::new(0.5, 0.3);
+    let view = upright(&mut random);
+    let (dots, _) = shuffled(photograph(&places, places[0], &view, &mut random), 6).unwrap();
+    let reading = read_dot420(&dots, &Dot420Settings::default());
+    assert_eq!(reading.codes, []);
+    assert_eq!(reading.rejected.len(), 1, "{:?}", reading.rejected);
+    assert!(
+        reading.rejected[0].reason.contains("C100"),
+        "{:?}",
+        reading.rejected
+    );
+}
+
+#[test]
+fn unusable_dots_are_passed_over() {
+    let broken = |x: f64, major_px: f64| Dot {
+        centre_px: Vector2::new(x, 5.0),
+        sigma_px: 0.03,
+        major_px,
+        minor_px: 3.0,
+        angle: 0.0,
+        contrast: 0.0,
+        background: 0.0,
+    };
+    let dots = [
+        broken(f64::NAN, 5.0),
+        broken(1.0, f64::INFINITY),
+        broken(2.0, 1.0),
+        broken(1e300, 4.0),
+    ];
+    let reading = read_dot420(&dots, &Dot420Settings::default());
+    assert_eq!(reading.codes, []);
+    assert_eq!(read_dot420(&[], &Dot420Settings::default()).codes, []);
 }
