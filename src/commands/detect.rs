@@ -31,7 +31,7 @@ pub fn detect(request: &DetectRequest, form: Form, monitor: &Monitor) -> Result<
         None => Vec::new(),
     };
     let task = monitor.task("detecting targets", request.images.len() as u64);
-    let settings = DetectSettings { families: request.families.clone(), ..DetectSettings::default() };
+    let settings = DetectSettings::default();
     let mut reports = Vec::new();
     let mut lines = String::new();
     for path in &request.images {
@@ -51,7 +51,7 @@ pub fn detect(request: &DetectRequest, form: Form, monitor: &Monitor) -> Result<
                 camera.name
             )));
         }
-        let detections = detect_targets(&picture, &settings);
+        let detections = detect_targets(&picture, &request.families, &settings);
         let name = path.to_string_lossy();
         match form {
             Form::Json => reports.push(DetectReport::new(&name, &detections)),

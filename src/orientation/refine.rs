@@ -141,10 +141,11 @@ pub struct IdealPoint {
 
 /// A pose refined on ideal image points.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct IdealFit {
-    pub(super) pose: Pose,
+pub struct IdealFit {
+    /// The pose.
+    pub pose: Pose,
     /// Root mean square residual, mm per coordinate.
-    pub(super) rms_mm: f64,
+    pub rms_mm: f64,
 }
 
 /// [`refine_pose`] on ideal image points, all of one weight.

@@ -29,3 +29,4 @@ pub use detect::{DetectReport, detect_line};
 pub use export::{NoFigures, export_cameras, export_observations, export_points, export_stations};
 pub use file::{WriteError, write_file};
 pub use summary::{FindingReport, RunSummary, StageRun};
+pub use truth_check::{TruthCheck, check_against_truth};

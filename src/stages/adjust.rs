@@ -78,12 +78,12 @@ pub(super) fn adjust(network: &mut Network, stage: Stage, monitor: &Monitor) -> 
 
 fn solve(bundle: &Bundle, network: &Network, monitor: &Monitor) -> Result<RobustAdjustment, AdjustmentError> {
     let settings = RejectionSettings { critical: network.settings.critical_w, ..RejectionSettings::default() };
-    adjust_with_rejection(bundle.problem.clone(), BundleSettings::default(), settings, monitor)
+    adjust_with_rejection(&bundle.problem, BundleSettings::default(), &settings, monitor)
 }
 
 pub(super) fn halt(error: AdjustmentError) -> Halt {
     match error {
-        AdjustmentError::Interrupted => Halt::Interrupted,
+        AdjustmentError::Interrupted(_) => Halt::Interrupted,
         other => Halt::Failed(StageError::Adjustment { reason: other.to_string() }),
     }
 }

@@ -71,7 +71,7 @@ pub(super) fn update(network: &mut Network, monitor: &Monitor) -> Result<(), Hal
         return Ok(());
     }
     let settings = RejectionSettings { critical: network.settings.critical_w, ..RejectionSettings::default() };
-    let robust = adjust_with_rejection(bundle.problem.clone(), BundleSettings::default(), settings, monitor)
+    let robust = adjust_with_rejection(&bundle.problem, BundleSettings::default(), &settings, monitor)
         .map_err(adjust::halt)?;
     bundle.write_back(network, &robust.adjustment);
     apply_scale(network);

@@ -11,7 +11,7 @@ use crate::network::{
     About, Connectivity, Finding, FindingKind, ImageEntry, ImageId, Label, MeasurementSettings,
     Network, PointId, Source, Stage,
 };
-use crate::targets::{DetectSettings, Detections, DotIndex, Dot420Settings, detect};
+use crate::targets::{DetectSettings, Detections, Dot420Settings, DotIndex, Family, detect};
 
 /// The images of the next step: the first ones without detections, a batch of them.
 pub(super) fn next(network: &Network) -> Option<Step> {
@@ -40,7 +40,7 @@ pub(super) fn run(
         .map(|id| {
             task.step().ok()?;
             let image = &network.images[id];
-            Some(pictures.load(image).map(|picture| detect(&picture, &settings)))
+            Some(pictures.load(image).map(|picture| detect(&picture, &network.settings.families, &settings)))
         })
         .collect();
     let complete = found.iter().all(Option::is_some);
@@ -62,9 +62,8 @@ pub(super) fn run(
 
 /// The settings of detection that the measurement's settings ask for.
 fn detect_settings(settings: &MeasurementSettings) -> DetectSettings {
-    let sizes = settings.targets.of(crate::targets::Family::Dot420);
+    let sizes = settings.targets.of(Family::Dot420);
     DetectSettings {
-        families: settings.families.clone(),
         dot420: Dot420Settings { pitch_mm: sizes.pitch_mm, dot_mm: sizes.dot_mm, ..Dot420Settings::default() },
         ..DetectSettings::default()
     }

@@ -8,14 +8,18 @@ use rayon::prelude::*;
 use super::dot::{DotSettings, MeasuredDot, View, measure_dot};
 use super::finding::{CandidateSettings, candidates};
 use super::ring::{RingOutcome, read_ring};
-use super::{CodeReading, Detections, DotIndex, Family, Rejected};
+use super::{
+    CodeReading, Detections, Dot, Dot420Settings, DotIndex, Family, Rejected, read_dot420,
+};
 use crate::imaging::{GreyImage, LevelSettings, LevelTree, noise_level};
 
 /// How targets are detected.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct DetectSettings {
     /// What is accepted as a dot.
     pub dots: DotSettings,
+    /// What is accepted as a six-dot code.
+    pub dot420: Dot420Settings,
     /// Ratio of neighbouring grey levels at which the picture is cut: smaller finds dots of less contrast on a bright
     /// background and takes longer. Default 1.2.
     pub level_ratio: f64,
@@ -27,6 +31,7 @@ impl Default for DetectSettings {
     fn default() -> Self {
         Self {
             dots: DotSettings::default(),
+            dot420: Dot420Settings::default(),
             level_ratio: 1.2,
             least_height: 0.02,
         }
@@ -68,8 +73,12 @@ pub fn detect(image: &GreyImage, families: &[Family], settings: &DetectSettings)
             }),
         }
     }
-    let dots: Vec<_> = kept.into_iter().map(|slot| dots[slot].dot.clone()).collect();
-    // Six-dot codes are read here from `dots`, where `families` asks for them.
+    let dots: Vec<Dot> = kept.into_iter().map(|slot| dots[slot].dot.clone()).collect();
+    if families.contains(&Family::Dot420) {
+        let mut reading = read_dot420(&dots, &settings.dot420);
+        codes.append(&mut reading.codes);
+        rejected.append(&mut reading.rejected);
+    }
     codes.sort_by(|a, b| (a.family, a.id, &a.dots).cmp(&(b.family, b.id, &b.dots)));
     mark_repeated(&mut codes);
     Detections {
