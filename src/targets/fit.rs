@@ -9,19 +9,26 @@ type Normal = SMatrix<f64, PARAMETERS, PARAMETERS>;
 
 /// Which parameters a fit may move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Amplitude {
-    /// The same all over the dot: for dots of few pixels, where a slope cannot be told from a shift.
+pub(super) enum Freedom {
+    /// Even background, even amplitude: for dots of which only a narrow dark rim is seen.
+    Rimmed,
+    /// Sloping background, even amplitude: for dots of few pixels, where a slope of the amplitude cannot be told from a shift.
     Even,
-    /// With a slope: light falls off across the dot.
+    /// Sloping background and amplitude: light falls off across the dot.
     Sloping,
 }
 
-impl Amplitude {
-    fn active(self) -> usize {
+impl Freedom {
+    fn moves(self, parameter: usize) -> bool {
         match self {
-            Amplitude::Even => PARAMETERS - 2,
-            Amplitude::Sloping => PARAMETERS,
+            Freedom::Rimmed => !matches!(parameter, 7 | 8 | 10 | 11),
+            Freedom::Even => parameter < 10,
+            Freedom::Sloping => true,
         }
+    }
+
+    fn count(self) -> usize {
+        (0..PARAMETERS).filter(|&parameter| self.moves(parameter)).count()
     }
 }
 
@@ -51,9 +58,9 @@ struct Equations {
 
 /// Fits the profile to the pixels; `None` where no dot's profile can be fitted. Pixels at or above `clipping` only
 /// say that the dot is at least as bright.
-pub(super) fn fit(pixels: &[Pixel], start: Profile, amplitude: Amplitude, clipping: Option<f64>) -> Option<Fit> {
+pub(super) fn fit(pixels: &[Pixel], start: Profile, freedom: Freedom, clipping: Option<f64>) -> Option<Fit> {
     let mut profile = start;
-    let mut equations = build(pixels, &profile, amplitude, clipping);
+    let mut equations = build(pixels, &profile, freedom, clipping);
     let mut damping = 1e-3;
     let mut steps = 0;
     loop {
@@ -65,7 +72,7 @@ pub(super) fn fit(pixels: &[Pixel], start: Profile, amplitude: Amplitude, clippi
         let mut next = profile;
         next.parameters += step;
         next.parameters[BLUR] = next.parameters[BLUR].max(LEAST_BLUR);
-        let tried = next.ellipse().axes().map(|_| build(pixels, &next, amplitude, clipping));
+        let tried = next.ellipse().axes().map(|_| build(pixels, &next, freedom, clipping));
         match tried {
             Some(tried) if tried.cost <= equations.cost => {
                 let gain = equations.cost - tried.cost;
@@ -88,7 +95,7 @@ pub(super) fn fit(pixels: &[Pixel], start: Profile, amplitude: Amplitude, clippi
             }
         }
     }
-    statistics(pixels, profile, &equations, amplitude, clipping)
+    statistics(pixels, profile, &equations, freedom, clipping)
 }
 
 /// Parameters that a pixel of the zone tells of.
@@ -104,7 +111,7 @@ fn is_clipped(grey: f64, model: f64, clipping: Option<f64>) -> bool {
     clipping.is_some_and(|white| grey >= white && model >= white)
 }
 
-fn build(pixels: &[Pixel], profile: &Profile, amplitude: Amplitude, clipping: Option<f64>) -> Equations {
+fn build(pixels: &[Pixel], profile: &Profile, freedom: Freedom, clipping: Option<f64>) -> Equations {
     let mut normal = [[0.0; PARAMETERS]; PARAMETERS];
     let mut right = [0.0; PARAMETERS];
     let mut cost = 0.0;
@@ -123,15 +130,14 @@ fn build(pixels: &[Pixel], profile: &Profile, amplitude: Amplitude, clipping: Op
             }
         }
     }
-    let active = amplitude.active();
     let normal = Normal::from_fn(|i, j| {
-        if i.max(j) >= active {
+        if !(freedom.moves(i) && freedom.moves(j)) {
             f64::from(u8::from(i == j))
         } else {
             normal[i.max(j)][i.min(j)]
         }
     });
-    let right = Parameters::from_fn(|i, _| if i < active { right[i] } else { 0.0 });
+    let right = Parameters::from_fn(|i, _| if freedom.moves(i) { right[i] } else { 0.0 });
     Equations { normal, right, cost }
 }
 
@@ -159,7 +165,7 @@ fn statistics(
     pixels: &[Pixel],
     profile: Profile,
     equations: &Equations,
-    amplitude: Amplitude,
+    freedom: Freedom,
     clipping: Option<f64>,
 ) -> Option<Fit> {
     /// Variance of rounding to whole grey values.
@@ -186,8 +192,12 @@ fn statistics(
         let mut projected = Parameters::zeros();
         let mut leverage = 0.0;
         for i in 0..PARAMETERS {
-            projected[i] = span.clone().map(|j| cofactor[(i, j)] * sample.derivatives[j]).sum();
-            if span.contains(&i) {
+            projected[i] = span
+                .clone()
+                .filter(|&j| freedom.moves(j))
+                .map(|j| cofactor[(i, j)] * sample.derivatives[j])
+                .sum();
+            if span.contains(&i) && freedom.moves(i) {
                 leverage += sample.derivatives[i] * projected[i];
             }
         }
@@ -198,7 +208,7 @@ fn statistics(
             *sum += by_pixel * by_pixel * square / redundancy;
         }
     }
-    let freedom = used - amplitude.active() as f64;
+    let freedom = used - freedom.count() as f64;
     if freedom < 5.0 || dot_redundancy <= 0.0 {
         return None;
     }
