@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 
 use super::Dot;
-use super::ellipse::Ellipse;
+use super::ellipse::{Axes, Ellipse};
 use super::finding::Candidate;
 use super::fit::{Fit, Freedom, drop_foreign, fit};
 use super::profile::Profile;
@@ -95,11 +95,30 @@ pub(super) fn measure_dot(view: &View, candidate: &Candidate, settings: &DotSett
         return Err("cut off at the picture's border".into());
     }
     let open = measure_in(view, candidate, Surroundings::Open, settings);
-    let area = candidate.ellipse.axes().map_or(0.0, |axes| 4.0 * axes.major * axes.minor);
-    if open.is_ok() || area < LEAST_RIMMED {
+    if open.is_ok() || !is_rimmed(view, candidate) {
         return open;
     }
     measure_in(view, candidate, Surroundings::Rim, settings).or(open)
+}
+
+/// Whether something as bright as the dot begins a few pixels off its edge on much of its outline.
+fn is_rimmed(view: &View, candidate: &Candidate) -> bool {
+    const DIRECTIONS: u32 = 32;
+    const LEAST_SHARE: f64 = 0.4;
+    let Some(axes) = candidate.ellipse.axes() else {
+        return false;
+    };
+    if 4.0 * axes.major * axes.minor < LEAST_RIMMED {
+        return false;
+    }
+    let wider = Axes { major: axes.major + FIRST_MARGIN, minor: axes.minor + FIRST_MARGIN, ..axes };
+    let frame = wider.frame();
+    let bright = (0..DIRECTIONS).filter(|&index| {
+        let (sin, cos) = (std::f64::consts::TAU * f64::from(index) / f64::from(DIRECTIONS)).sin_cos();
+        let place = candidate.ellipse.centre + frame * Vector2::new(cos, sin);
+        view.image.sample(place.x, place.y).is_some_and(|grey| grey > candidate.level)
+    });
+    bright.count() as f64 >= LEAST_SHARE * f64::from(DIRECTIONS)
 }
 
 fn measure_in(
@@ -112,11 +131,18 @@ fn measure_in(
     let first = first_fit(view, candidate, surroundings).ok_or("no ellipse can be fitted")?;
     plausible(candidate, &first)?;
     let second = match surroundings {
+        Surroundings::Open if hopeless(&first) => return judged(view, origin, &first, settings),
         Surroundings::Open => second_fit(view, candidate, &first).ok_or("no ellipse can be fitted")?,
         Surroundings::Rim => first,
     };
     plausible(candidate, &second)?;
     judged(view, origin, &second, settings)
+}
+
+/// A misfit so large that no second fit can mend it.
+fn hopeless(first: &Fit) -> bool {
+    const HOPELESS: f64 = 0.2;
+    first.dot_residual > HOPELESS * first.profile.amplitude()
 }
 
 fn first_fit(view: &View, candidate: &Candidate, surroundings: Surroundings) -> Option<Fit> {

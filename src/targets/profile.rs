@@ -22,7 +22,7 @@ pub(super) const BACKGROUND: usize = 6;
 pub(super) const AMPLITUDE: usize = 9;
 
 /// From this many blurs off the edge on the profile is flat.
-const FLAT: f64 = 5.0;
+const FLAT: f64 = 4.0;
 
 /// `I(p) = background(p) + amplitude(p) Phi(d(p) / blur)` with the signed distance `d` from the ellipse, positive
 /// inside, to first order of its implicit equation (Sampson, 1982).
