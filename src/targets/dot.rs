@@ -79,6 +79,8 @@ const RIM_MARGIN: f64 = 1.6;
 const RIM_GUARD: f64 = 1.0;
 /// First guess of the blur, px: that of a sharp lens on whole pixels.
 const FIRST_BLUR: f64 = 0.8;
+/// The window reaches at least this far from the edge, px: with less background its slope cannot be told from a shift.
+const LEAST_MARGIN: f64 = 6.5;
 /// The window reaches no farther than this from the edge, px.
 const LARGEST_MARGIN: f64 = 12.0;
 /// Least number of background pixels that must be seen.
@@ -185,7 +187,7 @@ fn second_fit(view: &View, candidate: &Candidate, first: &Fit) -> Option<Fit> {
     let window = WindowSettings {
         origin: candidate.ellipse.centre,
         level: candidate.level,
-        margin: (3.5 * blur + 1.5).clamp(3.0, LARGEST_MARGIN),
+        margin: (3.5 * blur + 2.0).clamp(LEAST_MARGIN, LARGEST_MARGIN),
         guard: (2.2 * blur + 0.7).clamp(2.0, 6.0),
     };
     let mut pixels = pixels_of(view.image, &first.profile, &window);
