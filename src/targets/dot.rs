@@ -3,9 +3,9 @@
 use nalgebra::Vector2;
 
 use super::Dot;
-use super::ellipse::Ellipse;
+use super::ellipse::{Axes, Ellipse};
 use super::finding::Candidate;
-use super::fit::{Amplitude, Fit, drop_foreign, fit};
+use super::fit::{Fit, Freedom, drop_foreign, fit};
 use super::profile::Profile;
 use super::window::{Pixel, WindowSettings, pixels_of};
 use crate::imaging::GreyImage;
@@ -62,14 +62,31 @@ pub(super) struct MeasuredDot {
     pub(super) misfit: f64,
 }
 
+/// How much background is seen round a dot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Surroundings {
+    /// A few pixels at least.
+    Open,
+    /// A narrow dark rim before something brighter: a target in a flash hot spot.
+    Rim,
+}
+
 /// Half the width of the window round the first guess beyond the dot's edge, px.
 const FIRST_MARGIN: f64 = 4.0;
+/// The same for a dot with a rim.
+const RIM_MARGIN: f64 = 1.6;
+/// Pixels this near to what is beyond the rim are left out, px: direct neighbours only.
+const RIM_GUARD: f64 = 1.0;
 /// First guess of the blur, px: that of a sharp lens on whole pixels.
 const FIRST_BLUR: f64 = 0.8;
+/// The window reaches at least this far from the edge, px: with less background its slope cannot be told from a shift.
+const LEAST_MARGIN: f64 = 6.5;
 /// The window reaches no farther than this from the edge, px.
 const LARGEST_MARGIN: f64 = 12.0;
-/// Least share of the ring round the dot that must be free background.
+/// Least number of background pixels that must be seen.
 const LEAST_FREE_PIXELS: usize = 12;
+/// Smaller dots are not looked for behind a rim: what looks so is texture. Product of the diameters, px^2.
+const LEAST_RIMMED: f64 = 80.0;
 
 /// Measures a candidate.
 ///
@@ -79,33 +96,81 @@ pub(super) fn measure_dot(view: &View, candidate: &Candidate, settings: &DotSett
     if candidate.at_border {
         return Err("cut off at the picture's border".into());
     }
-    let origin = candidate.ellipse.centre;
-    let first = first_fit(view, candidate, origin).ok_or("no ellipse can be fitted")?;
-    plausible(candidate, &first)?;
-    let second = second_fit(view, candidate, origin, &first).ok_or("no ellipse can be fitted")?;
-    plausible(candidate, &second)?;
-    judged(view, candidate, origin, &second, settings)
+    let open = measure_in(view, candidate, Surroundings::Open, settings);
+    if open.is_ok() || !is_rimmed(view, candidate) {
+        return open;
+    }
+    measure_in(view, candidate, Surroundings::Rim, settings).or(open)
 }
 
-fn first_fit(view: &View, candidate: &Candidate, origin: Vector2<f64>) -> Option<Fit> {
+/// Whether something as bright as the dot begins a few pixels off its edge on much of its outline.
+fn is_rimmed(view: &View, candidate: &Candidate) -> bool {
+    const DIRECTIONS: u32 = 32;
+    const LEAST_SHARE: f64 = 0.4;
+    let Some(axes) = candidate.ellipse.axes() else {
+        return false;
+    };
+    if 4.0 * axes.major * axes.minor < LEAST_RIMMED {
+        return false;
+    }
+    let wider = Axes { major: axes.major + FIRST_MARGIN, minor: axes.minor + FIRST_MARGIN, ..axes };
+    let frame = wider.frame();
+    let bright = (0..DIRECTIONS).filter(|&index| {
+        let (sin, cos) = (std::f64::consts::TAU * f64::from(index) / f64::from(DIRECTIONS)).sin_cos();
+        let place = candidate.ellipse.centre + frame * Vector2::new(cos, sin);
+        view.image.sample(place.x, place.y).is_some_and(|grey| grey > candidate.level)
+    });
+    bright.count() as f64 >= LEAST_SHARE * f64::from(DIRECTIONS)
+}
+
+fn measure_in(
+    view: &View,
+    candidate: &Candidate,
+    surroundings: Surroundings,
+    settings: &DotSettings,
+) -> Result<MeasuredDot, String> {
+    let origin = candidate.ellipse.centre;
+    let first = first_fit(view, candidate, surroundings).ok_or("no ellipse can be fitted")?;
+    plausible(candidate, &first)?;
+    let second = match surroundings {
+        Surroundings::Open if hopeless(&first) => return judged(view, origin, &first, settings),
+        Surroundings::Open => second_fit(view, candidate, &first).ok_or("no ellipse can be fitted")?,
+        Surroundings::Rim => first,
+    };
+    plausible(candidate, &second)?;
+    judged(view, origin, &second, settings)
+}
+
+/// A misfit so large that no second fit can mend it.
+fn hopeless(first: &Fit) -> bool {
+    const HOPELESS: f64 = 0.2;
+    first.dot_residual > HOPELESS * first.profile.amplitude()
+}
+
+fn first_fit(view: &View, candidate: &Candidate, surroundings: Surroundings) -> Option<Fit> {
+    let origin = candidate.ellipse.centre;
     let ellipse = Ellipse { centre: Vector2::zeros(), ..candidate.ellipse };
     let guess = Profile::new(&ellipse, FIRST_BLUR, 0.0, 1.0);
-    let window = WindowSettings { origin, level: candidate.level, margin: FIRST_MARGIN, guard: 2.3 };
+    let (margin, guard, off_edge, freedom) = match surroundings {
+        Surroundings::Open => (FIRST_MARGIN, 2.3, -1.5, Freedom::Even),
+        Surroundings::Rim => (RIM_MARGIN, RIM_GUARD, -0.8, Freedom::Rimmed),
+    };
+    let window = WindowSettings { origin, level: candidate.level, margin, guard };
     let pixels = pixels_of(view.image, &guess, &window);
-    let (background, amplitude) = first_grey_values(&pixels, &guess)?;
+    let (background, amplitude) = first_grey_values(&pixels, &guess, off_edge)?;
     let start = Profile::new(&ellipse, FIRST_BLUR, background, amplitude);
-    fit(&pixels, start, Amplitude::Even, view.clipping)
+    fit(&pixels, start, freedom, view.clipping)
 }
 
 /// Background and amplitude from the pixels off the edge; `None` where too few of either are seen.
-fn first_grey_values(pixels: &[Pixel], guess: &Profile) -> Option<(f64, f64)> {
+fn first_grey_values(pixels: &[Pixel], guess: &Profile, off_edge: f64) -> Option<(f64, f64)> {
     let ellipse = guess.ellipse();
     let greys = |keep: &dyn Fn(&Pixel) -> bool| {
         let mut greys: Vec<f64> = pixels.iter().filter(|p| keep(p)).map(|p| p.grey).collect();
         greys.sort_by(f64::total_cmp);
         greys
     };
-    let outside = greys(&|p| guess.distance(p.place) < -1.5);
+    let outside = greys(&|p| guess.distance(p.place) < off_edge);
     let inside = greys(&|p| ellipse.level(p.place) < 0.75);
     if outside.len() < LEAST_FREE_PIXELS || inside.is_empty() {
         return None;
@@ -115,24 +180,24 @@ fn first_grey_values(pixels: &[Pixel], guess: &Profile) -> Option<(f64, f64)> {
     (top > background).then_some((background, top - background))
 }
 
-fn second_fit(view: &View, candidate: &Candidate, origin: Vector2<f64>, first: &Fit) -> Option<Fit> {
-    /// A slope of the amplitude is told from a shift when the dot's core is this many blurs wide.
+fn second_fit(view: &View, candidate: &Candidate, first: &Fit) -> Option<Fit> {
+    /// A slope of the amplitude is told from a shift when the dot's smaller radius is this many blurs.
     const CORE_FOR_SLOPE: f64 = 5.0;
     let blur = first.profile.blur();
     let window = WindowSettings {
-        origin,
+        origin: candidate.ellipse.centre,
         level: candidate.level,
-        margin: (3.5 * blur + 1.5).clamp(3.0, LARGEST_MARGIN),
+        margin: (3.5 * blur + 2.0).clamp(LEAST_MARGIN, LARGEST_MARGIN),
         guard: (2.2 * blur + 0.7).clamp(2.0, 6.0),
     };
     let mut pixels = pixels_of(view.image, &first.profile, &window);
     drop_foreign(&mut pixels, first, view.noise);
     let minor = first.profile.ellipse().axes()?.minor;
-    let even = fit(&pixels, first.profile, Amplitude::Even, view.clipping)?;
+    let even = fit(&pixels, first.profile, Freedom::Even, view.clipping)?;
     if minor < CORE_FOR_SLOPE * even.profile.blur() {
         return Some(even);
     }
-    let sloping = fit(&pixels, even.profile, Amplitude::Sloping, view.clipping);
+    let sloping = fit(&pixels, even.profile, Freedom::Sloping, view.clipping);
     match sloping {
         Some(sloping) if slope_is_real(&even, &sloping, pixels.len()) => Some(sloping),
         _ => Some(even),
@@ -164,7 +229,6 @@ fn plausible(candidate: &Candidate, fit: &Fit) -> Result<(), String> {
 
 fn judged(
     view: &View,
-    candidate: &Candidate,
     origin: Vector2<f64>,
     fit: &Fit,
     settings: &DotSettings,
@@ -176,7 +240,6 @@ fn judged(
     let contrast = profile.amplitude();
     let misfit = (fit.dot_residual.powi(2) - view.noise.powi(2)).max(0.0).sqrt() / contrast;
     let (major_px, minor_px) = (2.0 * axes.major, 2.0 * axes.minor);
-    let _ = candidate;
     let reach = ellipse.half_extent().add_scalar(1.5 * profile.blur());
     let (low, high) = (ellipse.centre - reach, ellipse.centre + reach);
     if low.x < 0.0 || low.y < 0.0 || high.x > view.image.width() as f64 || high.y > view.image.height() as f64 {

@@ -9,19 +9,26 @@ type Normal = SMatrix<f64, PARAMETERS, PARAMETERS>;
 
 /// Which parameters a fit may move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Amplitude {
-    /// The same all over the dot: for dots of few pixels, where a slope cannot be told from a shift.
+pub(super) enum Freedom {
+    /// Even background, even amplitude: for dots of which only a narrow dark rim is seen.
+    Rimmed,
+    /// Sloping background, even amplitude: for dots of few pixels, where a slope of the amplitude cannot be told from a shift.
     Even,
-    /// With a slope: light falls off across the dot.
+    /// Sloping background and amplitude: light falls off across the dot.
     Sloping,
 }
 
-impl Amplitude {
-    fn active(self) -> usize {
+impl Freedom {
+    fn moves(self, parameter: usize) -> bool {
         match self {
-            Amplitude::Even => PARAMETERS - 2,
-            Amplitude::Sloping => PARAMETERS,
+            Freedom::Rimmed => !matches!(parameter, 7 | 8 | 10 | 11),
+            Freedom::Even => parameter < 10,
+            Freedom::Sloping => true,
         }
+    }
+
+    fn count(self) -> usize {
+        (0..PARAMETERS).filter(|&parameter| self.moves(parameter)).count()
     }
 }
 
@@ -39,9 +46,9 @@ pub(super) struct Fit {
 
 /// The profile is as narrow as a pixel's own width at least (1/sqrt(12) px), less a little.
 const LEAST_BLUR: f64 = 0.27;
-const MOST_STEPS: usize = 40;
+const MOST_STEPS: usize = 25;
 /// The centre has come to rest when it moves less than this, px.
-const AT_REST: f64 = 2e-5;
+const AT_REST: f64 = 1e-4;
 
 struct Equations {
     normal: Normal,
@@ -51,9 +58,9 @@ struct Equations {
 
 /// Fits the profile to the pixels; `None` where no dot's profile can be fitted. Pixels at or above `clipping` only
 /// say that the dot is at least as bright.
-pub(super) fn fit(pixels: &[Pixel], start: Profile, amplitude: Amplitude, clipping: Option<f64>) -> Option<Fit> {
+pub(super) fn fit(pixels: &[Pixel], start: Profile, freedom: Freedom, clipping: Option<f64>) -> Option<Fit> {
     let mut profile = start;
-    let mut equations = build(pixels, &profile, amplitude, clipping);
+    let mut equations = build(pixels, &profile, freedom, clipping);
     let mut damping = 1e-3;
     let mut steps = 0;
     loop {
@@ -65,7 +72,7 @@ pub(super) fn fit(pixels: &[Pixel], start: Profile, amplitude: Amplitude, clippi
         let mut next = profile;
         next.parameters += step;
         next.parameters[BLUR] = next.parameters[BLUR].max(LEAST_BLUR);
-        let tried = next.ellipse().axes().map(|_| build(pixels, &next, amplitude, clipping));
+        let tried = next.ellipse().axes().map(|_| build(pixels, &next, freedom, clipping));
         match tried {
             Some(tried) if tried.cost <= equations.cost => {
                 let gain = equations.cost - tried.cost;
@@ -73,7 +80,7 @@ pub(super) fn fit(pixels: &[Pixel], start: Profile, amplitude: Amplitude, clippi
                 let small_gain = gain <= 1e-6 * tried.cost;
                 equations = tried;
                 damping *= 0.1;
-                if step[0].hypot(step[1]) < AT_REST || (small_gain && step[0].hypot(step[1]) < 50.0 * AT_REST) {
+                if step[0].hypot(step[1]) < AT_REST || (small_gain && step[0].hypot(step[1]) < 10.0 * AT_REST) {
                     break;
                 }
             }
@@ -88,7 +95,7 @@ pub(super) fn fit(pixels: &[Pixel], start: Profile, amplitude: Amplitude, clippi
             }
         }
     }
-    statistics(pixels, profile, &equations, amplitude, clipping)
+    statistics(pixels, profile, &equations, freedom, clipping)
 }
 
 /// Parameters that a pixel of the zone tells of.
@@ -104,7 +111,8 @@ fn is_clipped(grey: f64, model: f64, clipping: Option<f64>) -> bool {
     clipping.is_some_and(|white| grey >= white && model >= white)
 }
 
-fn build(pixels: &[Pixel], profile: &Profile, amplitude: Amplitude, clipping: Option<f64>) -> Equations {
+fn build(pixels: &[Pixel], profile: &Profile, freedom: Freedom, clipping: Option<f64>) -> Equations {
+    let end = if freedom == Freedom::Sloping { PARAMETERS } else { PARAMETERS - 2 };
     let mut normal = [[0.0; PARAMETERS]; PARAMETERS];
     let mut right = [0.0; PARAMETERS];
     let mut cost = 0.0;
@@ -115,23 +123,23 @@ fn build(pixels: &[Pixel], profile: &Profile, amplitude: Amplitude, clipping: Op
         }
         let misfit = pixel.grey - sample.value;
         cost += misfit * misfit;
-        for i in span(sample.zone) {
+        let span = span(sample.zone);
+        for i in span.start..span.end.min(end) {
             let by_i = sample.derivatives[i];
             right[i] += by_i * misfit;
-            for j in span(sample.zone).start..=i {
+            for j in span.start..=i {
                 normal[i][j] += by_i * sample.derivatives[j];
             }
         }
     }
-    let active = amplitude.active();
     let normal = Normal::from_fn(|i, j| {
-        if i.max(j) >= active {
+        if !(freedom.moves(i) && freedom.moves(j)) {
             f64::from(u8::from(i == j))
         } else {
             normal[i.max(j)][i.min(j)]
         }
     });
-    let right = Parameters::from_fn(|i, _| if i < active { right[i] } else { 0.0 });
+    let right = Parameters::from_fn(|i, _| if freedom.moves(i) { right[i] } else { 0.0 });
     Equations { normal, right, cost }
 }
 
@@ -152,6 +160,27 @@ fn unit_scale(normal: &Normal) -> Option<Parameters> {
     diagonal.iter().all(|&value| value > 0.0).then(|| diagonal.map(|value| value.sqrt().recip()))
 }
 
+/// How many times larger the variance of the centre is than independent residuals would make it, because they hang
+/// together along the edge (shadows, dirt, a shape that is no ellipse): the residuals' effects are summed in sectors
+/// first. What chance alone does not exceed counts as 1.
+fn dependence(sectors: &[[f64; 2]; SECTORS], variance: [f64; 2]) -> f64 {
+    /// Eight sums of two coordinates: chance exceeds this once in some hundred dots.
+    const CHANCE: f64 = 2.2;
+    let together: f64 = sectors.iter().map(|[x, y]| x * x + y * y).sum();
+    let apart = variance[0] + variance[1];
+    let ratio = if apart > 0.0 { together / apart } else { 1.0 };
+    if ratio > CHANCE { ratio } else { 1.0 }
+}
+
+/// Sectors of the edge within which residuals may hang together.
+const SECTORS: usize = 8;
+
+/// The sector in which a direction from the centre lies.
+fn sector(from_centre: Vector2<f64>) -> usize {
+    let turn = from_centre.y.atan2(from_centre.x) / std::f64::consts::TAU + 0.5;
+    ((turn * SECTORS as f64) as usize).min(SECTORS - 1)
+}
+
 /// Variance of the centre with the residuals in place of an assumed noise (White, 1980, in the form HC2 of MacKinnon
 /// and White, 1985: squared residuals divided by their redundancy): a bright dot is noisier than its background, and a textured
 /// background says nothing of the edge.
@@ -159,9 +188,12 @@ fn statistics(
     pixels: &[Pixel],
     profile: Profile,
     equations: &Equations,
-    amplitude: Amplitude,
+    freedom: Freedom,
     clipping: Option<f64>,
 ) -> Option<Fit> {
+    /// The variance from residuals where they act is blended with the one from their mean over the dot and its edge,
+    /// which has fewer assumptions against it but three times the scatter.
+    const SHARE_BY_PLACE: f64 = 0.3;
     /// Variance of rounding to whole grey values.
     const ROUNDING: f64 = 1.0 / 12.0;
     let scale = unit_scale(&equations.normal)?;
@@ -169,6 +201,7 @@ fn statistics(
     let cofactor = scaled.cholesky()?.inverse();
     let cofactor = Normal::from_fn(|i, j| cofactor[(i, j)] * scale[i] * scale[j]);
     let mut variance = [0.0; 2];
+    let mut sectors = [[0.0; 2]; SECTORS];
     let (mut used, mut squares) = (0.0, 0.0);
     let (mut dot_redundancy, mut dot_squares) = (0.0, 0.0);
     for pixel in pixels {
@@ -176,7 +209,8 @@ fn statistics(
         if is_clipped(pixel.grey, sample.value, clipping) {
             continue;
         }
-        let square = (pixel.grey - sample.value).powi(2);
+        let misfit = pixel.grey - sample.value;
+        let square = misfit * misfit;
         used += 1.0;
         squares += square;
         if sample.zone == Zone::Outside {
@@ -186,27 +220,36 @@ fn statistics(
         let mut projected = Parameters::zeros();
         let mut leverage = 0.0;
         for i in 0..PARAMETERS {
-            projected[i] = span.clone().map(|j| cofactor[(i, j)] * sample.derivatives[j]).sum();
-            if span.contains(&i) {
+            projected[i] = span
+                .clone()
+                .filter(|&j| freedom.moves(j))
+                .map(|j| cofactor[(i, j)] * sample.derivatives[j])
+                .sum();
+            if span.contains(&i) && freedom.moves(i) {
                 leverage += sample.derivatives[i] * projected[i];
             }
         }
         let redundancy = (1.0 - leverage).max(0.05);
         dot_redundancy += redundancy;
         dot_squares += square;
-        for (sum, by_pixel) in variance.iter_mut().zip([projected[0], projected[1]]) {
-            *sum += by_pixel * by_pixel * square / redundancy;
+        let together = &mut sectors[sector(pixel.place - profile.ellipse().centre)];
+        for axis in 0..2 {
+            together[axis] += projected[axis] * misfit / redundancy.sqrt();
+            variance[axis] += projected[axis].powi(2) * square / redundancy;
         }
     }
-    let freedom = used - amplitude.active() as f64;
+    let freedom = used - freedom.count() as f64;
     if freedom < 5.0 || dot_redundancy <= 0.0 {
         return None;
     }
-    let floor = [cofactor[(0, 0)] * ROUNDING, cofactor[(1, 1)] * ROUNDING];
-    let mean = 0.5 * (variance[0].max(floor[0]) + variance[1].max(floor[1]));
+    let even = (dot_squares / dot_redundancy).max(ROUNDING);
+    let blended: f64 = (0..2)
+        .map(|axis| SHARE_BY_PLACE * variance[axis] + (1.0 - SHARE_BY_PLACE) * even * cofactor[(axis, axis)])
+        .sum();
+    let mean = 0.5 * blended;
     Some(Fit {
         profile,
-        sigma_px: mean.sqrt(),
+        sigma_px: (mean * dependence(&sectors, variance)).sqrt(),
         residual: (squares / freedom).sqrt(),
         dot_residual: (dot_squares / dot_redundancy).sqrt(),
     })

@@ -9,6 +9,8 @@ mod family;
 mod finding;
 mod fit;
 mod profile;
+#[cfg(test)]
+mod rendering;
 mod ring;
 mod window;
 

@@ -22,10 +22,11 @@ pub(super) const BACKGROUND: usize = 6;
 pub(super) const AMPLITUDE: usize = 9;
 
 /// From this many blurs off the edge on the profile is flat.
-const FLAT: f64 = 5.0;
+const FLAT: f64 = 4.0;
 
-/// `I(p) = background(p) + amplitude(p) Phi(d(p) / blur)` with the signed distance `d` from the ellipse, positive
-/// inside, to first order of its implicit equation (Sampson, 1982).
+/// `I(p) = background(p) + amplitude(p) Phi((d(p) - blur^2 k(p) / 2) / blur)` with the signed distance `d` from the
+/// ellipse, positive inside, to first order of its implicit equation (Sampson, 1982), and the curvature `k` of the
+/// ellipse in the direction of `p`: a blurred convex edge retreats by half the curvature times the blur's variance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Profile {
     pub(super) parameters: Parameters,
@@ -98,13 +99,33 @@ impl Profile {
         (square.sqrt() - square) / gradient
     }
 
+    /// Curvature of the ellipse where the ray from its centre through a place meets it, px^-1.
+    fn curvature(&self, place: Vector2<f64>) -> f64 {
+        let p = &self.parameters;
+        let (dx, dy) = (place.x - p[0], place.y - p[1]);
+        let (gx, gy) = (p[2] * dx + p[3] * dy, p[3] * dx + p[4] * dy);
+        let gradient = (gx * gx + gy * gy).sqrt();
+        if gradient <= 0.0 {
+            return 0.0;
+        }
+        let level = (dx * gx + dy * gy).max(0.0).sqrt();
+        let across = gy * gy * p[2] - 2.0 * gx * gy * p[3] + gx * gx * p[4];
+        level * across / (gradient * gradient * gradient)
+    }
+
     pub(super) fn value(&self, place: Vector2<f64>) -> f64 {
+        self.value_with(place, self.curvature(place))
+    }
+
+    fn value_with(&self, place: Vector2<f64>, curvature: f64) -> f64 {
         let p = &self.parameters;
         let background = p[6] + p[7] * place.x + p[8] * place.y;
         let amplitude = p[9] + p[10] * place.x + p[11] * place.y;
-        background + amplitude * normal_cdf(self.distance(place) / p[BLUR])
+        let blurs = self.distance(place) / p[BLUR] - 0.5 * p[BLUR] * curvature;
+        background + amplitude * normal_cdf(blurs)
     }
 
+    /// Value and derivatives; the curvature, a small correction, is held fixed.
     pub(super) fn sample(&self, place: Vector2<f64>) -> Sample {
         let p = &self.parameters;
         let mut derivatives = Parameters::zeros();
@@ -114,7 +135,8 @@ impl Profile {
         let background = p[6] + p[7] * place.x + p[8] * place.y;
         let amplitude = p[9] + p[10] * place.x + p[11] * place.y;
         let distance = self.distance(place);
-        let blurs = distance / p[BLUR];
+        let curvature = if distance < -FLAT * p[BLUR] { 0.0 } else { self.curvature(place) };
+        let blurs = distance / p[BLUR] - 0.5 * p[BLUR] * curvature;
         if blurs < -FLAT {
             return Sample { value: background, derivatives, zone: Zone::Outside };
         }
@@ -128,7 +150,7 @@ impl Profile {
         }
         let by_distance = amplitude * (-0.5 * blurs * blurs).exp() / ((2.0 * PI).sqrt() * p[BLUR]);
         self.derive_distance(place, distance, by_distance, &mut derivatives);
-        derivatives[BLUR] = -by_distance * blurs;
+        derivatives[BLUR] = -by_distance * (distance / p[BLUR] + 0.5 * p[BLUR] * curvature);
         Sample { value, derivatives, zone: Zone::Edge }
     }
 
@@ -171,13 +193,14 @@ mod tests {
         profile.parameters[11] = -2.0;
         for place in [Vector2::new(2.4, 1.1), Vector2::new(-4.0, -4.0), Vector2::new(0.8, -0.3), Vector2::new(0.5, 3.6)] {
             let analytic = profile.sample(place);
+            let curvature = profile.curvature(place);
             assert!((analytic.value - profile.value(place)).abs() < 1e-9);
             for slot in 0..PARAMETERS {
                 let step = 1e-6;
                 let at = |sign: f64| {
                     let mut moved = profile;
                     moved.parameters[slot] += sign * step;
-                    moved.value(place)
+                    moved.value_with(place, curvature)
                 };
                 let difference = (at(1.0) - at(-1.0)) / (2.0 * step);
                 let scale = 1.0 + difference.abs();

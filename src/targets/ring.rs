@@ -311,12 +311,17 @@ fn not_a_ring(dot: &MeasuredDot, ring: &Unrolled) -> Option<String> {
 fn doubt(ring: &Unrolled, best: &Pattern, rival: Option<&Pattern>) -> Option<String> {
     /// A segment must be this clearly light or dark.
     const LEAST_MARGIN: f64 = 0.18;
+    /// Largest misfit of a reading that nothing speaks against.
+    const LARGEST_MISFIT: f64 = 0.13;
     const LARGEST_SLOPE: f64 = 0.7;
     if let Some(rival) = rival {
         return Some(format!("reads as ring{} as well", rival.segments));
     }
     if best.margin < LEAST_MARGIN {
         return Some("a segment is neither light nor dark: partly covered?".into());
+    }
+    if best.misfit > LARGEST_MISFIT {
+        return Some("its segments are not equally light".into());
     }
     if ring.slope > LARGEST_SLOPE {
         return Some("the light falls off across the ring".into());

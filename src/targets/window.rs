@@ -27,7 +27,7 @@ pub(super) struct WindowSettings {
 }
 
 /// Interior pixels farther from the edge than this many blurs tell of the amplitude alone and are thinned out.
-const CORE_BLURS: f64 = 5.0;
+const CORE_BLURS: f64 = 4.0;
 /// About this many of them are kept.
 const CORE_PIXELS: f64 = 300.0;
 
