@@ -154,6 +154,9 @@ impl FreeMotions {
         layout: &Layout,
         state: &State,
     ) -> Result<Vec<DMatrix<f64>>, AdjustmentError> {
+        if self.defect() == 0 {
+            return Ok(vec![DMatrix::zeros(0, 3); layout.datum_points.len()]);
+        }
         let inverse = self.constraint_inverse(layout, state)?;
         Ok(layout
             .datum_points

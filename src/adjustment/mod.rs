@@ -32,6 +32,8 @@ mod solver;
 mod statistics;
 
 #[cfg(test)]
+mod dense;
+#[cfg(test)]
 mod simulation;
 #[cfg(test)]
 mod tests;

@@ -3,6 +3,7 @@
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix3, SMatrix, Vector2, Vector3};
 use rayon::prelude::*;
 
+use super::datum::FreeMotions;
 use super::equations::{Equations, State};
 use super::layout::{Layout, PointFrame};
 use super::{AdjustmentError, BundleProblem, ParameterName, ParameterState};
@@ -256,6 +257,7 @@ impl ChunkSum {
         damping: f64,
     ) {
         let mut coupling = vec![Vector3::zeros(); frame.index.len()];
+        let n = layout.kept;
         let mut own = Matrix3::zeros();
         let mut own_right = Vector3::zeros();
         for ray in frame.rays.iter().filter(|r| r.used) {
@@ -266,12 +268,14 @@ impl ChunkSum {
             let rows = whitened_rows(layout, ray, equation, weight);
             let residual = equation.residual * weight.sqrt();
             let kept = rows.kept(ray, frame.own_at);
-            for &(a, by_a) in &kept {
+            for (k, &(a, by_a)) in kept.iter().enumerate() {
                 let i = frame.index[a];
                 self.right_side[i] -= by_a.dot(&residual);
                 self.diagonal[i] += by_a.norm_squared();
-                for &(b, by_b) in kept.iter().filter(|(b, _)| *b <= a) {
-                    self.reduced[(i, frame.index[b])] += by_a.dot(&by_b);
+                let column = &mut self.reduced.as_mut_slice()[n * i..n * (i + 1)];
+                // Places rise within a ray, so that what follows lies below the diagonal.
+                for &(b, by_b) in &kept[k..] {
+                    column[frame.index[b]] += by_a.dot(&by_b);
                 }
                 coupling[a] += rows.by_point.transpose() * by_a;
             }
@@ -319,14 +323,24 @@ impl ChunkSum {
     }
 
     fn eliminate(&mut self, frame: &PointFrame, normal: &PointNormal) {
-        let reduced_coupling: Vec<Vector3<f64>> =
-            normal.coupling.iter().map(|y| normal.inverse * y).collect();
-        for (b, z) in reduced_coupling.iter().enumerate() {
+        let q = frame.index.len();
+        let coupling: [Vec<f64>; 3] =
+            std::array::from_fn(|k| normal.coupling.iter().map(|y| y[k]).collect());
+        let n = self.reduced.nrows();
+        let matrix = self.reduced.as_mut_slice();
+        let mut products = vec![0.0; q];
+        for (b, y) in normal.coupling.iter().enumerate() {
             let j = frame.index[b];
+            let z = normal.inverse * y;
             self.right_side[j] -= z.dot(&normal.right_side);
-            let mut column = self.reduced.column_mut(j);
-            for (y, &i) in normal.coupling[b..].iter().zip(&frame.index[b..]) {
-                column[i] -= y.dot(z);
+            let [x0, x1, x2] = [&coupling[0][b..], &coupling[1][b..], &coupling[2][b..]];
+            let products = &mut products[b..];
+            for (((p, x0), x1), x2) in products.iter_mut().zip(x0).zip(x1).zip(x2) {
+                *p = x0 * z.x + x1 * z.y + x2 * z.z;
+            }
+            let column = &mut matrix[n * j..n * (j + 1)];
+            for (p, &i) in products.iter().zip(&frame.index[b..]) {
+                column[i] -= p;
             }
         }
     }
@@ -349,29 +363,30 @@ pub(super) struct Factor {
 }
 
 impl Factor {
-    /// `null_vectors`: rows of the free motions in the reduced system, one column a motion.
     pub(super) fn new(
         normals: &Normals,
         layout: &Layout,
-        null_vectors: &DMatrix<f64>,
+        state: &State,
+        free: &FreeMotions,
     ) -> Result<Self, AdjustmentError> {
+        let null_vectors = free.kept_rows(layout, state);
         let diagonal = normals.reduced.diagonal();
         let unreduced = &normals.unreduced_diagonal;
         let n = diagonal.len();
         let determined = (0..n).all(|i| diagonal[i] > PIVOT_FLOOR * unreduced[i]);
         if !determined {
-            return Err(rank_defect(normals, layout, null_vectors));
+            return Err(rank_defect(normals, layout, state, free));
         }
         let scale = diagonal.map(|d| 1.0 / d.sqrt());
-        let matrix = regularised(&normals.reduced, &scale, null_vectors);
+        let matrix = regularised(&normals.reduced, &scale, &null_vectors);
         let Some(cholesky) = Cholesky::new(matrix) else {
-            return Err(rank_defect(normals, layout, null_vectors));
+            return Err(rank_defect(normals, layout, state, free));
         };
         let l = cholesky.l_dirty();
         let regular =
             (0..n).all(|i| l[(i, i)] * l[(i, i)] * diagonal[i] > PIVOT_FLOOR * unreduced[i]);
         if !regular {
-            return Err(rank_defect(normals, layout, null_vectors));
+            return Err(rank_defect(normals, layout, state, free));
         }
         Ok(Self { scale, cholesky })
     }
@@ -407,12 +422,8 @@ impl Factor {
         let lower: Vec<Vec<f64>> = (0..n)
             .into_par_iter()
             .map(|j| {
-                let dot = |i: usize| -> f64 {
-                    let pairs = columns[i].iter().zip(&columns[j][i - j..]);
-                    pairs.map(|(a, b)| a * b).sum()
-                };
                 (j..n)
-                    .map(|i| dot(i) * self.scale[i] * self.scale[j])
+                    .map(|i| dot(&columns[i], &columns[j][i - j..]) * self.scale[i] * self.scale[j])
                     .collect()
             })
             .collect();
@@ -425,6 +436,21 @@ impl Factor {
         }
         inverse
     }
+}
+
+/// The scalar product in eight interleaved sums: their order is fixed, and the processor can do them side by side.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    const LANES: usize = 8;
+    let mut sums = [0.0; LANES];
+    let (a_chunks, b_chunks) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
+    let rest = a_chunks.remainder().iter().zip(b_chunks.remainder());
+    let rest: f64 = rest.map(|(a, b)| a * b).sum();
+    for (a, b) in a_chunks.zip(b_chunks) {
+        for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
+            *sum += a * b;
+        }
+    }
+    sums.iter().sum::<f64>() + rest
 }
 
 /// `D S D + B B^T`, lower triangle, with `B` the orthonormalised `D^-1 null_vectors`.
@@ -458,27 +484,34 @@ fn regularised(
 }
 
 /// Names what the observations leave loose, from the null space of the reduced system.
-fn rank_defect(normals: &Normals, layout: &Layout, null_vectors: &DMatrix<f64>) -> AdjustmentError {
+fn rank_defect(
+    normals: &Normals,
+    layout: &Layout,
+    state: &State,
+    free: &FreeMotions,
+) -> AdjustmentError {
     let scale = normals
         .unreduced_diagonal
         .map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 1.0 });
-    let mut matrix = regularised(&normals.reduced, &scale, null_vectors);
+    let datum = free.kept_rows(layout, state);
+    let mut matrix = regularised(&normals.reduced, &scale, &datum);
     matrix.fill_upper_triangle_with_lower_triangle();
     let eigen = matrix.symmetric_eigen();
     let smallest = eigen.eigenvalues.min();
     let floor = (NULL_EIGENVALUE * eigen.eigenvalues.max()).max(smallest);
-    let null: Vec<usize> = (0..eigen.eigenvalues.len())
-        .filter(|&k| eigen.eigenvalues[k] <= floor)
-        .collect();
-    let shares: Vec<f64> = (0..layout.kept)
-        .map(|i| {
-            let parts = null.iter().map(|&k| eigen.eigenvectors[(i, k)].powi(2));
-            parts.sum::<f64>().sqrt()
-        })
-        .collect();
+    let mut shares = vec![0.0; layout.kept];
+    let mut defect = 0;
+    for k in (0..layout.kept).filter(|&k| eigen.eigenvalues[k] <= floor) {
+        defect += 1;
+        let motion = eigen.eigenvectors.column(k).component_mul(&scale);
+        let motion = in_datum(normals, layout, state, free, &datum, motion);
+        for (share, value) in shares.iter_mut().zip(motion.component_div(&scale).iter()) {
+            *share += value * value;
+        }
+    }
     let largest = shares.iter().copied().fold(0.0, f64::max);
     let mut order: Vec<usize> = (0..layout.kept)
-        .filter(|&i| shares[i] >= NAMED_SHARE * largest)
+        .filter(|&i| shares[i] >= NAMED_SHARE * NAMED_SHARE * largest)
         .collect();
     order.sort_by(|a, b| shares[*b].total_cmp(&shares[*a]).then(a.cmp(b)));
     let mut loose = Vec::new();
@@ -488,8 +521,39 @@ fn rank_defect(normals: &Normals, layout: &Layout, null_vectors: &DMatrix<f64>) 
             loose.push(name);
         }
     }
-    AdjustmentError::RankDefect {
-        defect: null.len(),
-        loose,
+    AdjustmentError::RankDefect { defect, loose }
+}
+
+/// A motion of the reduced system as it looks when the datum points stay where they are in the mean.
+fn in_datum(
+    normals: &Normals,
+    layout: &Layout,
+    state: &State,
+    free: &FreeMotions,
+    datum: &DMatrix<f64>,
+    motion: DVector<f64>,
+) -> DVector<f64> {
+    let Ok(h) = free.s_transformation(layout, state) else {
+        return motion;
+    };
+    let mut amount = DVector::zeros(free.defect());
+    for (frame, normal) in layout.frames.iter().zip(&normals.points) {
+        let Ok(at) = layout.datum_points.binary_search(&frame.point) else {
+            continue;
+        };
+        let mut shift = Vector3::zeros();
+        match (normal, frame.own_at) {
+            (Some(normal), _) => {
+                for (y, &i) in normal.coupling.iter().zip(&frame.index) {
+                    shift -= normal.inverse * y * motion[i];
+                }
+            }
+            (None, Some(own)) => {
+                shift = Vector3::from_fn(|k, _| motion[frame.index[own + k]]);
+            }
+            (None, None) => {}
+        }
+        amount += &h[at] * shift;
     }
+    motion - datum * amount
 }

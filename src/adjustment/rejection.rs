@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::equations::State;
-use super::solver::{SIGMA_FROM_MEDIAN, robust_scale};
+use super::solver::{LEAST_SCALE, SIGMA_FROM_MEDIAN, robust_scale};
 use super::statistics::median;
 use super::{
     Adjustment, AdjustmentError, BundleProblem, BundleSettings, BundleSolver, ObservationStatus,
@@ -21,8 +21,11 @@ const COARSE_ROUNDS: usize = 4;
 /// Points with fewer rays absorb a gross error, so that the coarse test would take the wrong ray.
 const COARSE_RAYS: usize = 4;
 
-/// The robust scale of the normalised residuals is taken as at least this: below it residuals are rounding.
-const LEAST_SCALE: f64 = 0.01;
+/// Between rejections an adjustment ends when a step changes the observations by less than this, rms, in sigmas.
+const DRAFT_CONVERGENCE: f64 = 1e-2;
+
+/// Between rejections at most so many iterations.
+const DRAFT_ITERATIONS: usize = 12;
 
 /// What counts as a gross error.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -137,16 +140,21 @@ pub fn adjust_with_rejection(
     };
     snooping.drop_thin_points();
     snooping.start_robustly(&task)?;
-    let mut passes = 1;
-    let mut adjustment = snooping.adjust(&task)?;
-    while passes < settings.passes {
-        if !snooping.reject(&adjustment) && !snooping.restore(&adjustment) {
-            break;
-        }
-        adjustment = snooping.adjust(&task)?;
+    let mut passes = 0;
+    loop {
+        let more = passes < settings.passes;
         passes += 1;
+        if more {
+            let draft = snooping.draft(&task)?;
+            if snooping.reject(&draft) || snooping.restore(&draft) {
+                continue;
+            }
+        }
+        let adjustment = snooping.adjust(&task)?;
+        if !more || !(snooping.reject(&adjustment) || snooping.restore(&adjustment)) {
+            return Ok(snooping.conclude(adjustment, passes));
+        }
     }
-    Ok(snooping.conclude(adjustment, passes))
 }
 
 impl Snooping<'_> {
@@ -171,8 +179,24 @@ impl Snooping<'_> {
         Ok(())
     }
 
+    /// An adjustment good enough to find gross errors; with them in it, Gauss-Newton may take long to settle.
+    fn draft(&mut self, task: &Task<'_>) -> Result<Adjustment, AdjustmentError> {
+        let settings = BundleSettings {
+            convergence: self.bundle.convergence.max(DRAFT_CONVERGENCE),
+            iterations: self.bundle.iterations.min(DRAFT_ITERATIONS),
+            robust_start: RobustStart::Off,
+        };
+        let draft = self.solve(settings, task, |_| false)?.finish_as_it_is()?;
+        self.state = State::of(&draft);
+        Ok(draft)
+    }
+
     fn adjust(&mut self, task: &Task<'_>) -> Result<Adjustment, AdjustmentError> {
-        let solver = self.solve(self.bundle, task, |_| false)?;
+        let settings = BundleSettings {
+            robust_start: RobustStart::Off,
+            ..self.bundle
+        };
+        let solver = self.solve(settings, task, |_| false)?;
         let adjustment = solver.finish()?;
         self.state = State::of(&adjustment);
         Ok(adjustment)
@@ -292,7 +316,7 @@ impl Snooping<'_> {
     fn reject_coarsely(&mut self, solver: &BundleSolver) -> bool {
         let residuals = solver.residuals();
         let used = self.used();
-        let scale = robust_scale(&self.problem, &used, &residuals).max(LEAST_SCALE);
+        let scale = robust_scale(&self.problem, &used, &residuals);
         let rays = self.rays_of_points();
         let candidates = (0..residuals.len()).filter_map(|index| {
             let observation = &self.problem.observations[index];
@@ -419,4 +443,131 @@ fn scale_of_tests(adjustment: &Adjustment) -> f64 {
         .flat_map(|w| [w.x.abs(), w.y.abs()])
         .collect();
     (SIGMA_FROM_MEDIAN * median(values).unwrap_or(0.0)).max(LEAST_SCALE)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::simulation::{Noise, Scene, box_network, scene};
+    use super::*;
+
+    /// Shifts 5 % of the observations by 1 to 50 px.
+    fn with_blunders(seed: u64, problem: &mut BundleProblem) -> Vec<usize> {
+        let mut noise = Noise::seeded(seed);
+        let mut blunders = Vec::new();
+        for i in 0..problem.observations.len() {
+            if noise.uniform() < 0.05 {
+                let angle = std::f64::consts::TAU * noise.uniform();
+                let size = 50f64.powf(noise.uniform());
+                problem.observations[i].pixel +=
+                    nalgebra::Vector2::new(angle.cos(), angle.sin()) * size;
+                blunders.push(i);
+            }
+        }
+        blunders
+    }
+
+    fn snoop(problem: &BundleProblem, settings: &RejectionSettings) -> RobustAdjustment {
+        adjust_with_rejection(
+            problem,
+            BundleSettings::default(),
+            settings,
+            &Monitor::new(),
+        )
+        .unwrap()
+    }
+
+    fn blunders_are_found(settings: &RejectionSettings, sigma_factor: f64) {
+        let (mut missed, mut false_alarms, mut all) = (0, 0, 0);
+        for seed in 0..4 {
+            let mut problem = box_network(&scene(200 + seed)).problem;
+            let blunders = with_blunders(seed, &mut problem);
+            for o in &mut problem.observations {
+                o.sigma_px *= sigma_factor;
+            }
+            let robust = snoop(&problem, settings);
+            let rejected: Vec<usize> = robust.rejected.iter().map(|r| r.index).collect();
+            missed += blunders.iter().filter(|b| !rejected.contains(b)).count();
+            false_alarms += rejected.iter().filter(|r| !blunders.contains(r)).count();
+            all += blunders.len();
+            let sigma0 = robust.adjustment.sigma0 * sigma_factor;
+            assert!(
+                (sigma0 - 1.0).abs() < 0.1,
+                "{sigma0} after {} passes",
+                robust.passes
+            );
+        }
+        assert!(all > 50);
+        assert_eq!(missed, 0, "of {all}, the least 1 px, twenty sigmas");
+        assert!(false_alarms <= 6, "{false_alarms}");
+    }
+
+    #[test]
+    fn blunders_are_found_after_a_robust_start() {
+        blunders_are_found(&RejectionSettings::default(), 1.0);
+    }
+
+    #[test]
+    fn blunders_are_found_by_least_squares_alone() {
+        let settings = RejectionSettings {
+            robust_start: RobustStart::Off,
+            ..RejectionSettings::default()
+        };
+        blunders_are_found(&settings, 1.0);
+    }
+
+    #[test]
+    fn wrong_a_priori_sigmas_neither_reject_everything_nor_hide_blunders() {
+        blunders_are_found(&RejectionSettings::default(), 0.2);
+        blunders_are_found(&RejectionSettings::default(), 10.0);
+    }
+
+    #[test]
+    fn clean_data_keep_their_observations() {
+        let problem = box_network(&scene(14)).problem;
+        let robust = snoop(&problem, &RejectionSettings::default());
+        assert!(robust.rejected.len() <= 1 && robust.dropped_points.is_empty());
+    }
+
+    #[test]
+    fn a_point_with_too_few_rays_is_dropped_and_rejections_of_the_caller_stay() {
+        let mut problem = box_network(&scene(15)).problem;
+        let of_point: Vec<usize> = (0..problem.observations.len())
+            .filter(|&i| problem.observations[i].point == 6)
+            .collect();
+        problem.rejected.extend(&of_point[1..]);
+        let other = (0..problem.observations.len())
+            .find(|&i| problem.observations[i].point == 8)
+            .unwrap();
+        problem.rejected.insert(other);
+        let robust = snoop(&problem, &RejectionSettings::default());
+        assert_eq!(robust.dropped_points, vec![6]);
+        assert!(
+            robust
+                .rejected
+                .iter()
+                .any(|r| r.index == of_point[0] && r.reason == RejectionReason::PointDropped)
+        );
+        assert!(robust.adjustment.points[6].covariance.is_none());
+        assert!(robust.rejected.iter().all(|r| r.index != other));
+        let predicted = robust.adjustment.observations[other];
+        assert_eq!(predicted.status, ObservationStatus::Rejected);
+        assert!(
+            predicted.test().unwrap() < 6.0,
+            "a good observation is predicted well"
+        );
+    }
+
+    #[test]
+    fn blunders_in_perfect_data_are_found() {
+        let mut problem = box_network(&Scene {
+            noise_px: 0.0,
+            disturbance: 0.0,
+            ..scene(16)
+        })
+        .problem;
+        let blunders = with_blunders(3, &mut problem);
+        let robust = snoop(&problem, &RejectionSettings::default());
+        let rejected: Vec<usize> = robust.rejected.iter().map(|r| r.index).collect();
+        assert_eq!(rejected, blunders);
+    }
 }

@@ -8,10 +8,12 @@ use rand_chacha::ChaCha8Rng;
 
 use super::equations::State;
 use super::{
-    BundleProblem, CameraBlock, Datum, ImageObservation, ParameterState, PointBlock, StationBlock,
+    Adjustment, AdjustmentError, BundleProblem, BundleSettings, CameraBlock, Datum,
+    DistanceObservation, ImageObservation, ParameterState, PointBlock, StationBlock, adjust,
 };
 use crate::camera::{Camera, InteriorOrientation};
 use crate::geometry::Pose;
+use crate::monitor::Monitor;
 
 pub(super) fn lens_camera() -> Camera {
     Camera {
@@ -173,4 +175,37 @@ fn box_point(index: usize, noise: &mut Noise) -> Vector3<f64> {
     );
     let half = Vector3::new(200.0, 200.0, 100.0);
     inside - normal * normal.dot(&inside) + normal.component_mul(&half).component_mul(&normal.abs())
+}
+
+pub(super) fn scene(seed: u64) -> Scene {
+    Scene {
+        stations: 12,
+        points: 60,
+        noise_px: 0.05,
+        disturbance: 10.0,
+        interior: ParameterState::Free,
+        seed,
+    }
+}
+
+pub(super) fn toy(seed: u64) -> Simulated {
+    box_network(&Scene {
+        stations: 5,
+        points: 15,
+        disturbance: 1.0,
+        ..scene(seed)
+    })
+}
+
+pub(super) fn bar(truth: &State, from: usize, to: usize, error: f64) -> DistanceObservation {
+    DistanceObservation {
+        from,
+        to,
+        length_mm: (truth.points[to] - truth.points[from]).norm() + error,
+        sigma_mm: 0.01,
+    }
+}
+
+pub(super) fn solve(problem: &BundleProblem) -> Result<Adjustment, AdjustmentError> {
+    adjust(problem.clone(), BundleSettings::default(), &Monitor::new())
 }

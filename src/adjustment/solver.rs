@@ -33,6 +33,9 @@ const ROBUST_CONVERGENCE: f64 = 1e-2;
 /// The median of absolute values of normal deviates times this is their standard deviation.
 pub(super) const SIGMA_FROM_MEDIAN: f64 = 1.4826;
 
+/// Robust scales are taken as at least this, in sigmas: below it residuals are rounding.
+pub(super) const LEAST_SCALE: f64 = 0.01;
+
 /// How an iteration ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum TerminationKind {
@@ -190,8 +193,14 @@ impl BundleSolver {
     /// # Errors
     /// [`AdjustmentError::NotConverged`] or [`AdjustmentError::NotFinished`] when the iteration has not converged;
     /// [`AdjustmentError::RankDefect`].
-    pub fn finish(mut self) -> Result<Adjustment, AdjustmentError> {
-        let termination = self.converged()?;
+    pub fn finish(self) -> Result<Adjustment, AdjustmentError> {
+        self.converged()?;
+        self.finish_as_it_is()
+    }
+
+    /// [`Self::finish`] at the present state, converged or not: good for finding gross errors, not for results.
+    pub(super) fn finish_as_it_is(mut self) -> Result<Adjustment, AdjustmentError> {
+        let termination = self.termination.ok_or(AdjustmentError::NotFinished)?;
         let reference: Vec<Vector3<f64>> = self.problem.points.iter().map(|p| p.position).collect();
         move_onto_datum(&self.problem, &self.layout, &mut self.state, &reference)?;
         let equations = Equations::at(&self.problem, &self.layout, &self.state);
@@ -230,9 +239,9 @@ impl BundleSolver {
         image_residuals(&self.problem, &self.layout, &self.state)
     }
 
-    fn converged(&self) -> Result<Termination, AdjustmentError> {
+    fn converged(&self) -> Result<(), AdjustmentError> {
         match self.termination {
-            Some(end) if end.kind == TerminationKind::Converged => Ok(end),
+            Some(end) if end.kind == TerminationKind::Converged => Ok(()),
             Some(end) => Err(AdjustmentError::NotConverged(end)),
             None => Err(AdjustmentError::NotFinished),
         }
@@ -259,7 +268,6 @@ impl BundleSolver {
     ) -> Result<Option<Accepted>, AdjustmentError> {
         let weights = self.weights(residuals, loss);
         let free = FreeMotions::of(&self.problem, &self.layout, &self.state);
-        let null_vectors = free.kept_rows(&self.layout, &self.state);
         let observations = self.layout.used.iter().filter(|u| **u).count() as f64;
         let allowed = cost * (1.0 + ROUNDING_OF_COST) + observations * ROUNDING_OF_RESIDUAL.powi(2);
         let mut lowest_rise = f64::INFINITY;
@@ -273,7 +281,7 @@ impl BundleSolver {
                 self.damping,
             )
             .and_then(|normals| {
-                let factor = Factor::new(&normals, &self.layout, &null_vectors)?;
+                let factor = Factor::new(&normals, &self.layout, &self.state, &free)?;
                 Ok((factor.solve(&normals.right_side), normals))
             });
             match solved {
@@ -381,7 +389,7 @@ impl BundleSolver {
             (Phase::Robust, RobustStart::Huber { threshold, .. }) => {
                 let scale = robust_scale(&self.problem, &self.layout.used, residuals);
                 Loss::Huber {
-                    bend: (threshold * scale).max(f64::MIN_POSITIVE),
+                    bend: threshold * scale,
                 }
             }
             _ => Loss::Square,
@@ -455,7 +463,7 @@ pub(super) fn other_squares(problem: &BundleProblem, layout: &Layout, state: &St
     sum
 }
 
-/// 1.4826 times the median of the absolute residuals in sigmas.
+/// 1.4826 times the median of the absolute residuals in sigmas, at least [`LEAST_SCALE`].
 pub(super) fn robust_scale(
     problem: &BundleProblem,
     used: &[bool],
@@ -467,7 +475,7 @@ pub(super) fn robust_scale(
         .filter_map(|((o, v), _)| v.map(|v| [v.x.abs() / o.sigma_px, v.y.abs() / o.sigma_px]))
         .flatten()
         .collect();
-    SIGMA_FROM_MEDIAN * median(values).unwrap_or(0.0)
+    (SIGMA_FROM_MEDIAN * median(values).unwrap_or(0.0)).max(LEAST_SCALE)
 }
 
 /// The loss of an image observation as a function of its residual's length in sigmas.

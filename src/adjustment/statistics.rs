@@ -48,7 +48,7 @@ pub(super) fn adjustment(
         .collect();
     let normals = Normals::build(problem, layout, state, equations, &weights, 0.0)?;
     let free = FreeMotions::of(problem, layout, state);
-    let factor = Factor::new(&normals, layout, &free.kept_rows(layout, state))?;
+    let factor = Factor::new(&normals, layout, state, &free)?;
     let inverse = factor.inverse();
     let transformation = Transformation::new(free, layout, state, &normals, &factor)?;
 
@@ -154,11 +154,7 @@ impl Transformation {
         factor: &Factor,
     ) -> Result<Self, AdjustmentError> {
         let d = free.defect();
-        let h = if d > 0 {
-            free.s_transformation(layout, state)?
-        } else {
-            Vec::new()
-        };
+        let h = free.s_transformation(layout, state)?;
         let mut h_of_points: Vec<Option<&DMatrix<f64>>> = vec![None; state.points.len()];
         for (h, &p) in h.iter().zip(&layout.datum_points) {
             h_of_points[p] = Some(h);
