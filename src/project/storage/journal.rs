@@ -52,9 +52,8 @@ pub fn utc_text(time: SystemTime) -> String {
 }
 
 /// The statement that makes the journal's table.
-pub(super) const DEFINITION: &str =
-    "CREATE TABLE journal (sequence INTEGER PRIMARY KEY, utc TEXT NOT NULL, what TEXT NOT NULL,
-         settings TEXT NOT NULL, outcome TEXT NOT NULL, sigma0 REAL)";
+pub(super) const DEFINITION: &str = "CREATE TABLE journal (sequence INTEGER PRIMARY KEY, utc TEXT NOT NULL, what TEXT NOT NULL, \
+     settings TEXT NOT NULL, outcome TEXT NOT NULL, sigma0 REAL)";
 
 /// The journal, up to the first line that cannot be read.
 pub(super) fn read_journal(

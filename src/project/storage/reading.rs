@@ -52,7 +52,7 @@ pub(super) fn read(connection: &Connection, file: &Path) -> Result<Contents, Sto
     if reader.rows_read == 0 {
         return Err(StorageError::Damaged {
             file: file.to_owned(),
-            found: reader.damage.join("; "),
+            found: reader.damage.into_iter().next().unwrap_or_default(),
         });
     }
     Ok(Contents {
@@ -83,12 +83,9 @@ impl Reader<'_> {
         let corrupt =
             |error: &rusqlite::Error| error.sqlite_error_code() == Some(ErrorCode::DatabaseCorrupt);
         if let Some(error) = application.as_ref().err().filter(|error| corrupt(error)) {
-            // SQLite refuses a file that is shorter than its header says unless told that its schema is being repaired.
-            self.damage.push(format!("the file is cut off: {error}"));
-            application = self
-                .connection
-                .set_db_config(DbConfig::SQLITE_DBCONFIG_WRITABLE_SCHEMA, true)
-                .and_then(|_| self.header("application_id"));
+            self.damaged(&format!("the file is cut off: {error}"));
+            self.tolerate_faults();
+            application = self.header("application_id");
         }
         let refused = |error| StorageError::of_database(file, "read", error);
         let application = application.map_err(refused)?;
@@ -107,8 +104,7 @@ impl Reader<'_> {
             });
         }
         if version < 1 {
-            self.damage
-                .push(format!("found format {version}, expected at least 1"));
+            self.damaged(&format!("found format {version}, expected at least 1"));
         }
         Ok(())
     }
@@ -118,21 +114,34 @@ impl Reader<'_> {
             .pragma_query_value(None, name, |row| row.get(0))
     }
 
+    /// SQLite refuses a file that is shorter than its header says, or one table of which it cannot understand, unless
+    /// told that its schema is being repaired.
+    fn tolerate_faults(&mut self) {
+        let repairing = DbConfig::SQLITE_DBCONFIG_WRITABLE_SCHEMA;
+        if let Err(error) = self.connection.set_db_config(repairing, true) {
+            self.damaged(&error.to_string());
+        }
+    }
+
     fn check_structure(&mut self) {
         let mut faults = Vec::new();
+        if let Err(error) = self.find_faults(&mut faults) {
+            faults.push(error.to_string());
+            self.tolerate_faults();
+        }
+        for fault in faults.iter().filter(|fault| *fault != "ok") {
+            self.damaged(&format!("structure of the file: {fault}"));
+        }
+    }
+
+    fn find_faults(&self, faults: &mut Vec<String>) -> rusqlite::Result<()> {
         let query = format!("PRAGMA quick_check({STRUCTURE_FAULTS})");
-        let end = self.connection.prepare(&query).and_then(|mut statement| {
-            let mut rows = statement.query([])?;
-            while let Some(row) = rows.next()? {
-                faults.push(row.get::<_, String>(0)?);
-            }
-            Ok(())
-        });
-        faults.retain(|fault| fault != "ok");
-        faults.extend(end.err().map(|error| error.to_string()));
-        let faults = faults.iter().flat_map(|fault| fault.lines());
-        self.damage
-            .extend(faults.map(|fault| format!("structure of the file: {fault}")));
+        let mut statement = self.connection.prepare(&query)?;
+        let mut rows = statement.query([])?;
+        while let Some(row) = rows.next()? {
+            faults.push(row.get(0)?);
+        }
+        Ok(())
     }
 
     /// The rows of a table that are whole.
@@ -140,8 +149,7 @@ impl Reader<'_> {
         let mut rows = BTreeMap::new();
         if let Err(error) = self.scan(table, Direction::Up, &mut rows) {
             let name = table.name();
-            self.damage
-                .push(format!("{name}: some rows cannot be read: {error}"));
+            self.damaged(&format!("{name}: some rows cannot be read: {error}"));
             // What lies behind the broken place is reached from the other end; a second error says nothing new.
             let _ = self.scan(table, Direction::Down, &mut rows);
         }
@@ -170,8 +178,7 @@ impl Reader<'_> {
                 _ => None,
             };
             let Some(id) = id else {
-                self.damage
-                    .push(format!("{name}: found a row without an id"));
+                self.damaged(&format!("{name}: found a row without an id"));
                 continue;
             };
             let place = Place { table, id };
@@ -188,7 +195,12 @@ impl Reader<'_> {
     }
 
     fn lost(&mut self, place: &Place, reason: &str) {
-        let line = format!("{} {}: {reason}", place.table.name(), place.id);
+        self.damaged(&format!("{} {}: {reason}", place.table.name(), place.id));
+    }
+
+    /// Notes damage, in one line and once.
+    fn damaged(&mut self, what: &str) {
+        let line = what.split_whitespace().collect::<Vec<_>>().join(" ");
         if !self.damage.contains(&line) {
             self.damage.push(line);
         }
@@ -296,8 +308,7 @@ impl Reader<'_> {
     fn journal(&mut self) -> Vec<JournalEntry> {
         let mut entries = Vec::new();
         if let Err(error) = read_journal(self.connection, &mut entries) {
-            self.damage
-                .push(format!("journal: some lines cannot be read: {error}"));
+            self.damaged(&format!("journal: some lines cannot be read: {error}"));
         }
         entries
     }
@@ -307,7 +318,7 @@ impl Reader<'_> {
             .connection
             .query_row("SELECT count FROM saves", [], |row| row.get(0));
         count
-            .map_err(|error| self.damage.push(format!("number of saves: {error}")))
+            .map_err(|error| self.damaged(&format!("number of saves: {error}")))
             .ok()
     }
 }

@@ -202,6 +202,9 @@ impl Store {
 
     fn write(&mut self, changes: &Changes, line: Option<&JournalLine>) -> Result<(), StorageError> {
         let refused = |error| StorageError::of_database(&self.file, "save", error);
+        self.connection
+            .pragma_update(None, "synchronous", "FULL")
+            .map_err(refused)?;
         // Where somebody reads the file at this very moment the mode stays as it is: slower, and as safe.
         let _ = set_journal_mode(&self.connection, "WAL");
         let transaction = self
@@ -262,6 +265,9 @@ fn filled(
 ) -> Result<Connection, StorageError> {
     let refused = |error| StorageError::of_database(file, "write", error);
     let mut connection = connected(file, OpenFlags::SQLITE_OPEN_READ_WRITE)?;
+    connection
+        .pragma_update(None, "synchronous", "FULL")
+        .map_err(refused)?;
     let transaction = connection.transaction().map_err(refused)?;
     define(&transaction).map_err(refused)?;
     apply(&transaction, changes).map_err(refused)?;
@@ -302,7 +308,7 @@ fn apply(transaction: &Transaction<'_>, changes: &Changes) -> rusqlite::Result<(
     Ok(())
 }
 
-/// A connection that trusts nothing in the file and loses nothing that it committed.
+/// A connection that trusts nothing in the file and does not look into it yet.
 fn connected(file: &Path, flags: OpenFlags) -> Result<Connection, StorageError> {
     let open = || -> rusqlite::Result<Connection> {
         let connection =
@@ -310,7 +316,6 @@ fn connected(file: &Path, flags: OpenFlags) -> Result<Connection, StorageError> 
         connection.busy_timeout(PATIENCE)?;
         connection.set_db_config(DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false)?;
         connection.pragma_update(None, "cell_size_check", true)?;
-        connection.pragma_update(None, "synchronous", "FULL")?;
         Ok(connection)
     };
     open().map_err(|error| StorageError::of_database(file, "open", error))
