@@ -3,9 +3,9 @@
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
-use super::calibration::{broad_sigmas, measured_sigmas};
+use super::calibration::{broad_sigmas, measured_shape_limit, measured_sigmas};
 use super::drafts::{Draft, Draw, draw_claims, extend, merged, reduce_to_fit};
-use super::hypothesis::{Bench, Hypothesis, Verdict, log10_accidents, overlap};
+use super::hypothesis::{Bench, Hypothesis, Verdict, fit_share, log10_accidents, overlap};
 use super::problem::{
     Claim, Identification, IdentificationInput, IdentificationSettings, Leftover, LeftoverReason,
     Member, Track,
@@ -59,6 +59,8 @@ struct Pass<'a> {
     settings: &'a IdentificationSettings,
     sights: Vec<Sight>,
     partners: Vec<Vec<usize>>,
+    /// Largest accepted misfit of an ellipse, in units of what the settings allow.
+    shape_limit: f64,
     /// Ray sigmas that sigma_S allows, px.
     broad: Vec<f64>,
     free: Vec<Vec<bool>>,
@@ -100,6 +102,7 @@ impl<'a> Pass<'a> {
             settings,
             partners: partners(input, &sights),
             broad,
+            shape_limit: 1.0,
             free: input
                 .views
                 .iter()
@@ -121,6 +124,7 @@ impl<'a> Pass<'a> {
             partners: &self.partners,
             space: self.input.space,
             settings: self.settings,
+            shape_limit: self.shape_limit,
         }
     }
 
@@ -174,8 +178,8 @@ impl<'a> Pass<'a> {
                 .filter_map(|v| {
                     let best = v.best.as_ref()?;
                     let rays = best.members.len();
-                    let accidents = log10_accidents(v.pairs, rays, best.accidental_hits);
-                    (rays >= 4 && accidents < self.settings.log10_accidents)
+                    let accidents = best.log10_accidents(v.pairs, self.settings);
+                    (rays >= 4 && accidents < self.settings.accidents_allowed(rays))
                         .then_some((&best.members[..], best.point))
                 })
                 .collect();
@@ -196,6 +200,9 @@ impl<'a> Pass<'a> {
     }
 
     fn take_sigmas(&mut self, strong: &[(&[Member], Vector3<f64>)]) {
+        if let Some(limit) = measured_shape_limit(&self.sights, strong, self.settings) {
+            self.shape_limit = limit;
+        }
         let floor = self.input.image_tolerance_px;
         if let Some(sigmas) = measured_sigmas(&self.sights, strong, floor, &self.broad) {
             for (sight, sigma) in self.sights.iter_mut().zip(sigmas) {
@@ -231,12 +238,11 @@ impl<'a> Pass<'a> {
     /// Gives free dots to existing points by prediction.
     fn extend_drafts(&mut self, range: std::ops::Range<usize>) {
         let draws: Vec<Draw> = draw_claims(
-            &self.sights,
             &self.drafts,
             range,
             &self.verdicts,
             &self.free,
-            self.settings,
+            &self.bench(),
         );
         for draw in &draws {
             self.free[draw.member.view][draw.member.dot] = false;
@@ -293,12 +299,18 @@ impl<'a> Pass<'a> {
             return None;
         }
         let pairs = self.verdicts[seed.view][seed.dot].pairs;
-        let accidents = log10_accidents(pairs, members.len(), hypothesis.accidental_hits);
+        let share = fit_share(
+            members.len(),
+            fit.chi_square / fit.redundancy().max(1) as f64,
+            self.settings,
+        );
+        let accidents = log10_accidents(pairs, members.len(), hypothesis.accidental_hits, share);
         let rival_rays = members
             .iter()
             .map(|m| self.verdicts[m.view][m.dot].rival_rays())
             .max()?;
-        if accidents > self.settings.log10_accidents || rival_rays >= members.len() {
+        if accidents > self.settings.accidents_allowed(members.len()) || rival_rays >= members.len()
+        {
             return None;
         }
         Some(Draft {
@@ -325,10 +337,10 @@ impl<'a> Pass<'a> {
         let same = shared >= 2 && shared * 2 >= smaller && shared > conflicts;
         let contested = verdict.rival.as_ref().is_some_and(|rival| {
             let rays = rival.members.len();
-            let accidents = log10_accidents(verdict.pairs, rays, rival.accidental_hits);
+            let accidents = rival.log10_accidents(verdict.pairs, self.settings);
             rays >= 4 && rays * 2 >= best.members.len() && accidents < self.settings.log10_accidents
         });
-        same && !contested
+        same && !contested && !verdict.is_near_tie()
     }
 
     /// Frees dots that no longer fit their target, and all dots of targets left with too few rays.
@@ -435,9 +447,10 @@ impl<'a> Pass<'a> {
                 needed,
             };
         }
-        let hits = verdict.best.as_ref().map_or(0.0, |b| b.accidental_hits);
-        let accidents = log10_accidents(verdict.pairs, rays, hits);
-        if accidents > self.settings.log10_accidents {
+        let accidents = verdict.best.as_ref().map_or(0.0, |best| {
+            best.log10_accidents(verdict.pairs, self.settings)
+        });
+        if accidents > self.settings.accidents_allowed(rays) {
             return LeftoverReason::Accidental {
                 rays,
                 log10_accidents: accidents,

@@ -286,6 +286,14 @@ impl Scene {
         }
     }
 
+    pub(super) fn rays(&self, target: usize) -> usize {
+        self.dots
+            .iter()
+            .flatten()
+            .filter(|d| d.1 == Some(target))
+            .count()
+    }
+
     pub(super) fn targets(&self) -> usize {
         self.targets.len()
     }

@@ -37,7 +37,7 @@ fn trials() -> Vec<Trial> {
             station_sigma_mm,
         });
     };
-    for seed in 0..3 {
+    for seed in 0..std::env::var("SEEDS").map_or(3, |s| s.parse().unwrap()) {
         let jittered = |s: SceneSettings| SceneSettings { jitter: 0.6, ..s };
         add(
             "box 20 mm grid, 34",
@@ -168,12 +168,47 @@ fn run(trial: &Trial) -> (Score, Score) {
 #[ignore = "prints a table"]
 #[allow(clippy::print_stdout)]
 fn table() {
-    for trial in trials() {
+    for trial in trials()
+        .into_iter()
+        .filter(|t| std::env::var("ONLY").map_or(true, |o| t.name.contains(&o)))
+    {
         let start = std::time::Instant::now();
         let scene = Scene::new(&trial.scene);
         let (first, kept) = first_pass(&trial, &scene);
         let ms = start.elapsed().as_millis();
         let (second, kept_second) = second_pass(&trial, &scene, &first);
+        for (found, kept) in [(&first, &kept), (&second, &kept_second)] {
+            for t in &found.tracks {
+                let what: Vec<_> = t
+                    .members
+                    .iter()
+                    .map(|m| scene.dots[m.view][kept[m.view][m.dot]].1)
+                    .collect();
+                if what.iter().any(|w| *w != what[0] || w.is_none()) {
+                    println!(
+                        "WRONG {what:?} acc {:.2} rival {} rms {:.2} chi {:.1}/{} sigma {:.2}",
+                        t.log10_accidents,
+                        t.rival_rays,
+                        t.rms_px,
+                        t.chi_square,
+                        t.redundancy,
+                        t.sigma_mm
+                    );
+                }
+            }
+        }
+        if std::env::var("WHY").is_ok() {
+            for l in first.leftover.iter().filter(|l| {
+                scene.dots[l.member.view][kept[l.member.view][l.member.dot]]
+                    .1
+                    .is_some_and(|t| scene.rays(t) >= 3)
+            }) {
+                let t = scene.dots[l.member.view][kept[l.member.view][l.member.dot]]
+                    .1
+                    .unwrap();
+                println!("LEFT target {t} rays {} {:?}", scene.rays(t), l.reason);
+            }
+        }
         let one = scene.score(&[(&first, &kept)]);
         let two = scene.score(&[(&first, &kept), (&second, &kept_second)]);
         let sigma = first.ray_sigma_px.iter().sum::<f64>() / first.ray_sigma_px.len() as f64;
