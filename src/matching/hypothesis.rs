@@ -97,8 +97,7 @@ pub(super) fn fit_share(
 ///
 /// A-contrario reasoning (Desolneux, Moisan and Morel, 2000): dots scattered at the local density fall into the search
 /// areas by Poisson's law. Of those that do, the misfit is spread evenly over the volume that the tests allow, so the
-/// share of accidents with a chi-square below `fit_share` of the limit is its power 3/2 (three rays; more rays would
-/// count for more).
+/// share of accidents with a chi-square below `fit_share` of the limit is its power `redundancy / 2`.
 pub(super) fn log10_accidents(
     pairs: usize,
     rays: usize,
@@ -107,6 +106,9 @@ pub(super) fn log10_accidents(
 ) -> f64 {
     /// A fit better than this share of the limit is luck in a true target as well.
     const BEST_SHARE: f64 = 0.1;
+    /// Rays beyond which a good fit counts no more: then it says more about the ray sigma than about the target.
+    const MOST_RAYS: usize = 5;
+    let half_redundancy = (2 * rays.clamp(2, MOST_RAYS) - 3) as f64 / 2.0;
     let hits = rays.saturating_sub(2);
     let rate = accidental_hits.max(1e-12);
     let mut log_term = -rate;
@@ -119,7 +121,9 @@ pub(super) fn log10_accidents(
         sum += ratio;
     }
     let chance = (log_term + f64::ln(sum)).min(0.0) / std::f64::consts::LN_10;
-    (pairs.max(1) as f64).log10() + chance + 1.5 * fit_share.clamp(BEST_SHARE, 1.0).log10()
+    (pairs.max(1) as f64).log10()
+        + chance
+        + half_redundancy * fit_share.clamp(BEST_SHARE, 1.0).log10()
 }
 
 /// Whether two proposals are the same target: most of what they share agrees.
@@ -457,4 +461,40 @@ fn keep_best(found: &mut Vec<Hypothesis>, hypothesis: Hypothesis) {
     found.retain(|h| !same_target(&best, h));
     found.truncate(2);
     found.insert(0, best);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn accidents_follow_poisson() {
+        // At least one hit at rate 0.01 has probability 1 - exp(-0.01); ten pairs make ten chances.
+        let expected = (10.0 * (1.0 - f64::exp(-0.01))).log10();
+        assert!((log10_accidents(10, 3, 0.01, 1.0) - expected).abs() < 1e-9);
+        assert!(
+            log10_accidents(10, 4, 0.01, 1.0) < expected - 2.0,
+            "a further ray is another coincidence"
+        );
+        assert!(
+            log10_accidents(10, 3, 0.01, 0.2) < expected,
+            "accidents rarely fit well"
+        );
+        assert!(
+            log10_accidents(1, 2, 0.01, 1.0).abs() < 1e-9,
+            "two rays are nothing but a pair"
+        );
+    }
+
+    #[test]
+    fn overlap_counts_shared_dots_and_views_in_conflict() {
+        let list = |dots: &[[usize; 2]]| -> Vec<Member> {
+            dots.iter()
+                .map(|&[view, dot]| Member { view, dot })
+                .collect()
+        };
+        let a = list(&[[0, 1], [2, 5], [3, 0]]);
+        let b = list(&[[0, 1], [1, 4], [2, 6]]);
+        assert_eq!(overlap(&a, &b), (1, 1));
+    }
 }

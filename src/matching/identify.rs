@@ -6,9 +6,10 @@ use rayon::prelude::*;
 use super::calibration::{broad_sigmas, measured_shape_limit, measured_sigmas};
 use super::drafts::{Draft, Draw, draw_claims, extend, merged, reduce_to_fit};
 use super::hypothesis::{Bench, Hypothesis, Verdict, fit_share, log10_accidents, overlap};
+use super::intersection::{Intersection, chi_square_limit, intersect, prediction_misfit};
 use super::problem::{
-    Claim, Identification, IdentificationInput, IdentificationSettings, Leftover, LeftoverReason,
-    Member, Track,
+    Claim, Identification, IdentificationInput, IdentificationSettings, KnownCircle, Leftover,
+    LeftoverReason, Member, Track,
 };
 use super::shape::Disc;
 use super::sight::Sight;
@@ -20,6 +21,8 @@ const FIRST_PARTNERS: usize = 8;
 const CHUNK: usize = 32;
 /// Dots from which the ray sigmas are measured beforehand.
 const CALIBRATION_DOTS: usize = 600;
+/// Rays up to which a target must fit especially well to be accepted.
+const FEW_RAYS: usize = 5;
 /// Angle between two rays that fixes a point well and keeps the target visible in both, radians.
 const BEST_ANGLE: f64 = 0.5;
 
@@ -298,6 +301,10 @@ impl<'a> Pass<'a> {
         if members.len() < self.settings.min_rays.max(3) {
             return None;
         }
+        let limit = chi_square_limit(fit.redundancy(), self.settings.critical_deviate_few);
+        if members.len() <= FEW_RAYS && fit.chi_square > limit {
+            return None;
+        }
         let pairs = self.verdicts[seed.view][seed.dot].pairs;
         let share = fit_share(
             members.len(),
@@ -338,7 +345,9 @@ impl<'a> Pass<'a> {
         let contested = verdict.rival.as_ref().is_some_and(|rival| {
             let rays = rival.members.len();
             let accidents = rival.log10_accidents(verdict.pairs, self.settings);
-            rays >= 4 && rays * 2 >= best.members.len() && accidents < self.settings.log10_accidents
+            rays >= 4
+                && rays * 2 >= best.members.len()
+                && accidents < self.settings.accidents_allowed(rays)
         });
         same && !contested && !verdict.is_near_tie()
     }
@@ -403,17 +412,17 @@ impl<'a> Pass<'a> {
     }
 
     fn track(&self, draft: &Draft) -> Track {
-        let fit = super::intersection::intersect(&self.sights, &draft.members, &draft.point);
+        let fit = intersect(&self.sights, &draft.members, &draft.point);
         Track {
             position: draft.point,
             sigma_mm: (draft.covariance.trace() / 3.0).max(0.0).sqrt(),
-            rms_px: fit.as_ref().map_or(0.0, |f| f.rms_px()),
+            rms_px: fit.as_ref().map_or(0.0, Intersection::rms_px),
             chi_square: fit.as_ref().map_or(0.0, |f| f.chi_square),
             redundancy: (2 * draft.members.len()).saturating_sub(3),
             members: draft.members.clone(),
             log10_accidents: draft.log10_accidents,
             rival_rays: draft.rival_rays,
-            circle: draft.disc.map(|d| super::problem::KnownCircle {
+            circle: draft.disc.map(|d| KnownCircle {
                 diameter_mm: Some(d.diameter_mm),
                 normal: d.normal,
             }),
@@ -427,7 +436,7 @@ impl<'a> Pass<'a> {
             .iter()
             .filter(|d| d.may_see(sight, &self.sights, self.settings))
             .filter(|d| {
-                super::intersection::prediction_misfit(sight, member.dot, &d.point, &d.covariance)
+                prediction_misfit(sight, member.dot, &d.point, &d.covariance)
                     .is_some_and(|m| m <= self.settings.critical_ray)
             })
             .map(|d| self.distance_px(d, member))
