@@ -6,7 +6,8 @@
 use nalgebra::Vector3;
 
 use super::intersection::{intersect, ray_variance};
-use super::problem::{IdentificationInput, Member};
+use super::problem::{IdentificationInput, IdentificationSettings, Member};
+use super::shape::Disc;
 use super::sight::Sight;
 
 /// Residuals from which a level for all views is taken.
@@ -72,6 +73,35 @@ pub(super) fn measured_sigmas(
             })
             .collect(),
     )
+}
+
+/// How far ellipses may differ from the circle's image, in units of what the settings allow, from strong intersections:
+/// real shapes scatter much less than the settings must allow for unknown blur.
+pub(super) fn measured_shape_limit(
+    sights: &[Sight],
+    strong: &[(&[Member], Vector3<f64>)],
+    settings: &IdentificationSettings,
+) -> Option<f64> {
+    /// The limit in medians: a normal scatter passes it once in 15,000.
+    const MEDIANS: f64 = 6.0;
+    /// Ellipses that fit better than this share of the settings' allowance are never refused.
+    const LEAST: f64 = 0.3;
+    let mut misfits = Vec::new();
+    for (members, point) in strong {
+        let Some(disc) = Disc::fitted(sights, members, point) else {
+            continue;
+        };
+        misfits.extend(
+            members
+                .iter()
+                .map(|m| disc.misfit(&sights[m.view], m.dot, point, settings)),
+        );
+    }
+    if misfits.len() < ENOUGH_FOR_ALL {
+        return None;
+    }
+    misfits.sort_by(f64::total_cmp);
+    Some((MEDIANS * misfits[misfits.len() / 2]).clamp(LEAST, 1.0))
 }
 
 /// Sigma of a coordinate from squared lengths of plane residuals: their median is `2 ln 2` variances (Rayleigh).

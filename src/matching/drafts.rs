@@ -72,17 +72,17 @@ struct Candidate {
 
 /// Free dots that belong to one of the drafts of `range`, and to nothing else, by prediction.
 pub(super) fn draw_claims(
-    sights: &[Sight],
     drafts: &[Draft],
     range: std::ops::Range<usize>,
     verdicts: &[Vec<Verdict>],
     free: &[Vec<bool>],
-    settings: &IdentificationSettings,
+    bench: &Bench,
 ) -> Vec<Draw> {
-    let by_view: Vec<Vec<Draw>> = (0..sights.len())
+    let settings = bench.settings;
+    let by_view: Vec<Vec<Draw>> = (0..bench.sights.len())
         .into_par_iter()
         .map(|view| {
-            let candidates = candidates(sights, drafts, view, free, settings);
+            let candidates = candidates(bench, drafts, view, free);
             clear_winners(&candidates, settings.critical_margin)
                 .into_iter()
                 .filter(|c| range.contains(&c.draft) && c.misfit <= settings.critical_ray)
@@ -98,13 +98,8 @@ pub(super) fn draw_claims(
 }
 
 /// All pairs of draft and free dot in a view that prediction, side and shape allow, rivals beyond the gate included.
-fn candidates(
-    sights: &[Sight],
-    drafts: &[Draft],
-    view: usize,
-    free: &[Vec<bool>],
-    settings: &IdentificationSettings,
-) -> Vec<Candidate> {
+fn candidates(bench: &Bench, drafts: &[Draft], view: usize, free: &[Vec<bool>]) -> Vec<Candidate> {
+    let (sights, settings) = (bench.sights, bench.settings);
     let sight = &sights[view];
     let critical = settings.critical_ray + settings.critical_margin;
     let mut found = Vec::new();
@@ -127,7 +122,7 @@ fn candidates(
             let misfit = prediction_misfit(sight, dot, &draft.point, &draft.covariance);
             if let Some(misfit) = misfit
                 && free[view][dot]
-                && shape <= 1.0
+                && shape <= bench.shape_limit
                 && misfit <= critical
             {
                 found.push(Candidate {
@@ -167,7 +162,7 @@ fn uncontested(draft: &Draft, verdict: &Verdict, settings: &IdentificationSettin
         return true;
     }
     if overlap(&best.members, &draft.members).0 >= 2 {
-        return true;
+        return !verdict.is_near_tie();
     }
     one_point(
         (&best.point, &best.covariance),

@@ -16,6 +16,11 @@ const PAIR_SIZE_RATIO: f64 = 1.7;
 /// Rays from which a proposal explains its dots so well that no further pairs among them are tried.
 const EXPLAINED_RAYS: usize = 5;
 
+/// Rays from which only a few more partner views are asked: a rival to so strong a target shows up soon or never.
+const STRONG_RAYS: usize = 8;
+/// Those few.
+const PARTNERS_OF_STRONG: usize = 4;
+
 /// What all proposals share.
 pub(super) struct Bench<'a> {
     pub(super) sights: &'a [Sight],
@@ -23,6 +28,8 @@ pub(super) struct Bench<'a> {
     pub(super) partners: &'a [Vec<usize>],
     pub(super) space: ObjectSpace,
     pub(super) settings: &'a IdentificationSettings,
+    /// Largest accepted misfit of an ellipse, in units of what the settings allow.
+    pub(super) shape_limit: f64,
 }
 
 /// A point that several dots propose.
@@ -54,16 +61,54 @@ impl Verdict {
         self.best.as_ref().map_or(0, |h| h.members.len())
     }
 
+    /// Whether another target through the dot gathers all but as many rays: then the dot waits until either is settled.
+    pub(super) fn is_near_tie(&self) -> bool {
+        self.rival_rays() >= 3 && self.rival_rays() + 1 >= self.rays()
+    }
+
     pub(super) fn rival_rays(&self) -> usize {
         self.rival.as_ref().map_or(0, |h| h.members.len())
     }
 }
 
+impl Hypothesis {
+    /// Expected number of accidental intersections as good as this one among `pairs` proposals, log10.
+    pub(super) fn log10_accidents(&self, pairs: usize, settings: &IdentificationSettings) -> f64 {
+        log10_accidents(
+            pairs,
+            self.members.len(),
+            self.accidental_hits,
+            fit_share(self.members.len(), self.variance_factor, settings),
+        )
+    }
+}
+
+/// Chi-square of an intersection as a share of its critical value.
+pub(super) fn fit_share(
+    rays: usize,
+    variance_factor: f64,
+    settings: &IdentificationSettings,
+) -> f64 {
+    let redundancy = (2 * rays).saturating_sub(3).max(1);
+    variance_factor * redundancy as f64 / chi_square_limit(redundancy, settings.critical_deviate)
+}
+
 /// Expected number of accidental intersections of `rays` rays among `pairs` proposals, log10.
 ///
 /// A-contrario reasoning (Desolneux, Moisan and Morel, 2000): dots scattered at the local density fall into the search
-/// areas by Poisson's law.
-pub(super) fn log10_accidents(pairs: usize, rays: usize, accidental_hits: f64) -> f64 {
+/// areas by Poisson's law. Of those that do, the misfit is spread evenly over the volume that the tests allow, so the
+/// share of accidents with a chi-square below `fit_share` of the limit is its power `redundancy / 2`.
+pub(super) fn log10_accidents(
+    pairs: usize,
+    rays: usize,
+    accidental_hits: f64,
+    fit_share: f64,
+) -> f64 {
+    /// A fit better than this share of the limit is luck in a true target as well.
+    const BEST_SHARE: f64 = 0.1;
+    /// Rays beyond which a good fit counts no more: then it says more about the ray sigma than about the target.
+    const MOST_RAYS: usize = 5;
+    let half_redundancy = (2 * rays.clamp(2, MOST_RAYS) - 3) as f64 / 2.0;
     let hits = rays.saturating_sub(2);
     let rate = accidental_hits.max(1e-12);
     let mut log_term = -rate;
@@ -75,7 +120,10 @@ pub(super) fn log10_accidents(pairs: usize, rays: usize, accidental_hits: f64) -
         ratio *= rate / i as f64;
         sum += ratio;
     }
-    (pairs.max(1) as f64).log10() + (log_term + f64::ln(sum)).min(0.0) / std::f64::consts::LN_10
+    let chance = (log_term + f64::ln(sum)).min(0.0) / std::f64::consts::LN_10;
+    (pairs.max(1) as f64).log10()
+        + chance
+        + half_redundancy * fit_share.clamp(BEST_SHARE, 1.0).log10()
 }
 
 /// Whether two proposals are the same target: most of what they share agrees.
@@ -117,7 +165,13 @@ impl Bench<'_> {
         let mut pairs = 0;
         let mut found: Vec<Hypothesis> = Vec::new();
         let partners = &self.partners[seed.view];
-        for &view in partners.iter().take(most_partners) {
+        for (asked, &view) in partners.iter().take(most_partners).enumerate() {
+            let strong = found
+                .first()
+                .is_some_and(|h| h.members.len() >= STRONG_RAYS);
+            if strong && asked >= PARTNERS_OF_STRONG {
+                break;
+            }
             for dot in self.epipolar_candidates(seed, view) {
                 let partner = Member { view, dot };
                 let explained = found.iter().any(|h| {
@@ -384,7 +438,7 @@ impl Bench<'_> {
                 }
             });
             let worst = misfits.enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
-            if worst.1 <= 1.0 {
+            if worst.1 <= self.shape_limit {
                 return Some(Some(disc));
             }
             members.remove(worst.0);
@@ -407,4 +461,40 @@ fn keep_best(found: &mut Vec<Hypothesis>, hypothesis: Hypothesis) {
     found.retain(|h| !same_target(&best, h));
     found.truncate(2);
     found.insert(0, best);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn accidents_follow_poisson() {
+        // At least one hit at rate 0.01 has probability 1 - exp(-0.01); ten pairs make ten chances.
+        let expected = (10.0 * (1.0 - f64::exp(-0.01))).log10();
+        assert!((log10_accidents(10, 3, 0.01, 1.0) - expected).abs() < 1e-9);
+        assert!(
+            log10_accidents(10, 4, 0.01, 1.0) < expected - 2.0,
+            "a further ray is another coincidence"
+        );
+        assert!(
+            log10_accidents(10, 3, 0.01, 0.2) < expected,
+            "accidents rarely fit well"
+        );
+        assert!(
+            log10_accidents(1, 2, 0.01, 1.0).abs() < 1e-9,
+            "two rays are nothing but a pair"
+        );
+    }
+
+    #[test]
+    fn overlap_counts_shared_dots_and_views_in_conflict() {
+        let list = |dots: &[[usize; 2]]| -> Vec<Member> {
+            dots.iter()
+                .map(|&[view, dot]| Member { view, dot })
+                .collect()
+        };
+        let a = list(&[[0, 1], [2, 5], [3, 0]]);
+        let b = list(&[[0, 1], [1, 4], [2, 6]]);
+        assert_eq!(overlap(&a, &b), (1, 1));
+    }
 }

@@ -3,12 +3,13 @@
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
-use super::calibration::{broad_sigmas, measured_sigmas};
+use super::calibration::{broad_sigmas, measured_shape_limit, measured_sigmas};
 use super::drafts::{Draft, Draw, draw_claims, extend, merged, reduce_to_fit};
-use super::hypothesis::{Bench, Hypothesis, Verdict, log10_accidents, overlap};
+use super::hypothesis::{Bench, Hypothesis, Verdict, fit_share, log10_accidents, overlap};
+use super::intersection::{Intersection, chi_square_limit, intersect, prediction_misfit};
 use super::problem::{
-    Claim, Identification, IdentificationInput, IdentificationSettings, Leftover, LeftoverReason,
-    Member, Track,
+    Claim, Identification, IdentificationInput, IdentificationSettings, KnownCircle, Leftover,
+    LeftoverReason, Member, Track,
 };
 use super::shape::Disc;
 use super::sight::Sight;
@@ -20,6 +21,8 @@ const FIRST_PARTNERS: usize = 8;
 const CHUNK: usize = 32;
 /// Dots from which the ray sigmas are measured beforehand.
 const CALIBRATION_DOTS: usize = 600;
+/// Rays up to which a target must fit especially well to be accepted.
+const FEW_RAYS: usize = 5;
 /// Angle between two rays that fixes a point well and keeps the target visible in both, radians.
 const BEST_ANGLE: f64 = 0.5;
 
@@ -59,6 +62,8 @@ struct Pass<'a> {
     settings: &'a IdentificationSettings,
     sights: Vec<Sight>,
     partners: Vec<Vec<usize>>,
+    /// Largest accepted misfit of an ellipse, in units of what the settings allow.
+    shape_limit: f64,
     /// Ray sigmas that sigma_S allows, px.
     broad: Vec<f64>,
     free: Vec<Vec<bool>>,
@@ -100,6 +105,7 @@ impl<'a> Pass<'a> {
             settings,
             partners: partners(input, &sights),
             broad,
+            shape_limit: 1.0,
             free: input
                 .views
                 .iter()
@@ -121,6 +127,7 @@ impl<'a> Pass<'a> {
             partners: &self.partners,
             space: self.input.space,
             settings: self.settings,
+            shape_limit: self.shape_limit,
         }
     }
 
@@ -174,8 +181,8 @@ impl<'a> Pass<'a> {
                 .filter_map(|v| {
                     let best = v.best.as_ref()?;
                     let rays = best.members.len();
-                    let accidents = log10_accidents(v.pairs, rays, best.accidental_hits);
-                    (rays >= 4 && accidents < self.settings.log10_accidents)
+                    let accidents = best.log10_accidents(v.pairs, self.settings);
+                    (rays >= 4 && accidents < self.settings.accidents_allowed(rays))
                         .then_some((&best.members[..], best.point))
                 })
                 .collect();
@@ -196,6 +203,9 @@ impl<'a> Pass<'a> {
     }
 
     fn take_sigmas(&mut self, strong: &[(&[Member], Vector3<f64>)]) {
+        if let Some(limit) = measured_shape_limit(&self.sights, strong, self.settings) {
+            self.shape_limit = limit;
+        }
         let floor = self.input.image_tolerance_px;
         if let Some(sigmas) = measured_sigmas(&self.sights, strong, floor, &self.broad) {
             for (sight, sigma) in self.sights.iter_mut().zip(sigmas) {
@@ -231,12 +241,11 @@ impl<'a> Pass<'a> {
     /// Gives free dots to existing points by prediction.
     fn extend_drafts(&mut self, range: std::ops::Range<usize>) {
         let draws: Vec<Draw> = draw_claims(
-            &self.sights,
             &self.drafts,
             range,
             &self.verdicts,
             &self.free,
-            self.settings,
+            &self.bench(),
         );
         for draw in &draws {
             self.free[draw.member.view][draw.member.dot] = false;
@@ -292,13 +301,23 @@ impl<'a> Pass<'a> {
         if members.len() < self.settings.min_rays.max(3) {
             return None;
         }
+        let limit = chi_square_limit(fit.redundancy(), self.settings.critical_deviate_few);
+        if members.len() <= FEW_RAYS && fit.chi_square > limit {
+            return None;
+        }
         let pairs = self.verdicts[seed.view][seed.dot].pairs;
-        let accidents = log10_accidents(pairs, members.len(), hypothesis.accidental_hits);
+        let share = fit_share(
+            members.len(),
+            fit.chi_square / fit.redundancy().max(1) as f64,
+            self.settings,
+        );
+        let accidents = log10_accidents(pairs, members.len(), hypothesis.accidental_hits, share);
         let rival_rays = members
             .iter()
             .map(|m| self.verdicts[m.view][m.dot].rival_rays())
             .max()?;
-        if accidents > self.settings.log10_accidents || rival_rays >= members.len() {
+        if accidents > self.settings.accidents_allowed(members.len()) || rival_rays >= members.len()
+        {
             return None;
         }
         Some(Draft {
@@ -325,10 +344,12 @@ impl<'a> Pass<'a> {
         let same = shared >= 2 && shared * 2 >= smaller && shared > conflicts;
         let contested = verdict.rival.as_ref().is_some_and(|rival| {
             let rays = rival.members.len();
-            let accidents = log10_accidents(verdict.pairs, rays, rival.accidental_hits);
-            rays >= 4 && rays * 2 >= best.members.len() && accidents < self.settings.log10_accidents
+            let accidents = rival.log10_accidents(verdict.pairs, self.settings);
+            rays >= 4
+                && rays * 2 >= best.members.len()
+                && accidents < self.settings.accidents_allowed(rays)
         });
-        same && !contested
+        same && !contested && !verdict.is_near_tie()
     }
 
     /// Frees dots that no longer fit their target, and all dots of targets left with too few rays.
@@ -391,17 +412,17 @@ impl<'a> Pass<'a> {
     }
 
     fn track(&self, draft: &Draft) -> Track {
-        let fit = super::intersection::intersect(&self.sights, &draft.members, &draft.point);
+        let fit = intersect(&self.sights, &draft.members, &draft.point);
         Track {
             position: draft.point,
             sigma_mm: (draft.covariance.trace() / 3.0).max(0.0).sqrt(),
-            rms_px: fit.as_ref().map_or(0.0, |f| f.rms_px()),
+            rms_px: fit.as_ref().map_or(0.0, Intersection::rms_px),
             chi_square: fit.as_ref().map_or(0.0, |f| f.chi_square),
             redundancy: (2 * draft.members.len()).saturating_sub(3),
             members: draft.members.clone(),
             log10_accidents: draft.log10_accidents,
             rival_rays: draft.rival_rays,
-            circle: draft.disc.map(|d| super::problem::KnownCircle {
+            circle: draft.disc.map(|d| KnownCircle {
                 diameter_mm: Some(d.diameter_mm),
                 normal: d.normal,
             }),
@@ -415,7 +436,7 @@ impl<'a> Pass<'a> {
             .iter()
             .filter(|d| d.may_see(sight, &self.sights, self.settings))
             .filter(|d| {
-                super::intersection::prediction_misfit(sight, member.dot, &d.point, &d.covariance)
+                prediction_misfit(sight, member.dot, &d.point, &d.covariance)
                     .is_some_and(|m| m <= self.settings.critical_ray)
             })
             .map(|d| self.distance_px(d, member))
@@ -435,9 +456,10 @@ impl<'a> Pass<'a> {
                 needed,
             };
         }
-        let hits = verdict.best.as_ref().map_or(0.0, |b| b.accidental_hits);
-        let accidents = log10_accidents(verdict.pairs, rays, hits);
-        if accidents > self.settings.log10_accidents {
+        let accidents = verdict.best.as_ref().map_or(0.0, |best| {
+            best.log10_accidents(verdict.pairs, self.settings)
+        });
+        if accidents > self.settings.accidents_allowed(rays) {
             return LeftoverReason::Accidental {
                 rays,
                 log10_accidents: accidents,

@@ -156,3 +156,38 @@ pub(super) fn prediction_misfit(
     let offset = sight.dots[dot].place - seen.place;
     Some(offset.dot(&(spread.try_inverse()? * offset)))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_rays_meet_halfway_between_their_nearest_points() {
+        let (a, b) = (Vector3::new(0.0, 0.0, 0.0), Vector3::new(10.0, 0.0, 2.0));
+        let (to_x, back) = (
+            Vector3::new(1.0, 1.0, 0.0).normalize(),
+            Vector3::new(-1.0, 1.0, 0.0).normalize(),
+        );
+        let point = meet((&a, &to_x), (&b, &back), 0.05).unwrap();
+        assert!((point - Vector3::new(5.0, 5.0, 1.0)).norm() < 1e-12);
+        assert_eq!(
+            meet((&a, &to_x), (&b, &to_x), 0.05),
+            None,
+            "parallel rays tell no depth"
+        );
+        assert_eq!(
+            meet((&a, &-to_x), (&b, &-back), 0.05),
+            None,
+            "nothing is seen behind a camera"
+        );
+    }
+
+    #[test]
+    fn critical_values_agree_with_the_table_of_chi_square() {
+        // 99 % (deviate 2.3263): 11.345 for 3 and 30.578 for 15 degrees of freedom; the approximation is good to 1 %.
+        for (redundancy, value) in [(3, 11.345), (15, 30.578)] {
+            let limit = chi_square_limit(redundancy, 2.3263);
+            assert!((limit / value - 1.0).abs() < 0.01, "{redundancy}: {limit}");
+        }
+    }
+}

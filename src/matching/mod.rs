@@ -8,7 +8,7 @@
 //! 2. **Growing.** Each pair proposes a point; every other view is asked for a dot at its predicted place, the surest
 //!    views first, the point improving with each ray (sequential least squares), then a strict intersection with tests
 //!    of every ray and of the whole (chi-square), and of the ellipses: they must be images of one circle that faces the
-//!    cameras ([`shape`]).
+//!    cameras.
 //! 3. **Accidents.** In a dense field rays meet by chance. How many accidental intersections of as many rays must be
 //!    expected follows from the local density of dots and the areas searched (a contrario reasoning: Desolneux, Moisan
 //!    and Morel, 2000); a target must be much rarer than that.
@@ -18,8 +18,8 @@
 //! 5. **Prediction.** Accepted targets and known points are looked for in all other views; a dot goes to a target only
 //!    if both are each other's clear choice.
 //!
-//! sigma_S bounds the errors of rays; how large they really are is measured from the residuals of strong intersections
-//! ([`calibration`]). What stays ambiguous waits for better orientations: adjust, and call [`identify`] again.
+//! sigma_S bounds the errors of rays; how large they really are is measured from the residuals of strong intersections.
+//! What stays ambiguous waits for better orientations: adjust, and call [`identify`] again.
 
 mod calibration;
 mod drafts;

@@ -134,10 +134,14 @@ pub struct IdentificationSettings {
     pub critical_ray: f64,
     /// Critical value of a whole intersection as a normal deviate (3.7 rejects 1 in 10,000).
     pub critical_deviate: f64,
+    /// The same where a target of at most five rays is accepted: accidents fit badly (2.3 rejects 1 in 100, which the
+    /// next pass finds).
+    pub critical_deviate_few: f64,
     /// By how much the squared misfit of the second best must exceed the best's where two dots claim one place, or two
     /// targets one dot (9: three sigma).
     pub critical_margin: f64,
-    /// Largest expected number of accidental intersections like it that a target may have, as log10.
+    /// Largest expected number of accidental intersections like it that a target of three rays may have, as log10; each
+    /// further ray, as its dot must agree too, counts for half a power of ten, up to a whole one.
     pub log10_accidents: f64,
     /// Least angle between the two rays that propose a target, radians (flatter pairs tell no depth).
     pub min_angle: f64,
@@ -151,14 +155,23 @@ pub struct IdentificationSettings {
     pub max_rounds: usize,
 }
 
+impl IdentificationSettings {
+    /// [`Self::log10_accidents`] for a target of that many rays.
+    #[must_use]
+    pub fn accidents_allowed(&self, rays: usize) -> f64 {
+        self.log10_accidents + 0.5 * rays.saturating_sub(3).min(2) as f64
+    }
+}
+
 impl Default for IdentificationSettings {
     fn default() -> Self {
         Self {
             min_rays: 3,
             critical_ray: 16.0,
             critical_deviate: 3.7,
+            critical_deviate_few: 2.3,
             critical_margin: 9.0,
-            log10_accidents: -1.5,
+            log10_accidents: -3.5,
             min_angle: 0.05,
             max_incidence: 1.45,
             shape_tolerance: 0.35,

@@ -84,11 +84,11 @@ impl Scene {
             settings.jitter,
             &mut rng,
         );
-        // Code dots: every 17th place.
+        // Code dots: every ninth place.
         let mut codes = Vec::new();
         let mut plain = Vec::new();
         for (i, t) in targets.drain(..).enumerate() {
-            if i % 17 == 3 {
+            if i % 9 == 3 {
                 codes.push(t);
             } else {
                 plain.push(t);
@@ -284,10 +284,6 @@ impl Scene {
             station_sigma_mm,
             image_tolerance_px,
         }
-    }
-
-    pub(super) fn targets(&self) -> usize {
-        self.targets.len()
     }
 
     /// Compares labels with the truth.
