@@ -17,20 +17,33 @@
 //! - [`pair`]: how well two images are placed to begin a network.
 
 pub mod consensus;
+pub mod device;
+mod device_search;
 pub mod dlt;
+mod five_point;
 pub mod p3p;
+pub mod pair;
 pub mod plane_pose;
 pub mod refine;
+pub mod relative;
 pub mod similarity;
 #[cfg(test)]
 mod simulation;
 
 pub use consensus::{ConsensusSettings, Resection, ResectionError, resect_by_consensus};
+pub use device::{
+    DeviceRecognition, DeviceSettings, ImageDot, NotRecognised, RivalAssignment, recognise_device,
+};
 pub use dlt::{DltError, DltSettings, DltSolution, direct_linear_transformation};
 pub use p3p::three_point_poses;
+pub use pair::{PairQuality, pair_quality};
 pub use plane_pose::{NominalPose, PlanePoseError, plane_poses, poses_with_nominal_camera};
 pub use refine::{
     IdealPoint, Loss, PoseObservation, RefineError, RefineSettings, RefinedPose, refine_pose,
+};
+pub use relative::{
+    PixelPair, RelativeError, RelativeOrientation, RelativePose, RelativeSettings,
+    relative_orientation,
 };
 pub use similarity::{
     CodeView, RotationGround, SimilarityError, SimilarityResection, resect_by_similarity,
