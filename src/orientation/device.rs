@@ -447,13 +447,6 @@ impl Search<'_> {
                 proposals: proposed,
             });
         };
-        if *chance > self.settings.false_alarms.log10() {
-            return Err(NotRecognised::ByChance {
-                found: best.found,
-                rms_px: best.rms_px,
-                expected: 10_f64.powf(*chance),
-            });
-        }
         // Assignments that share all dots but one are the same recognition with a dot more, less or exchanged.
         let differs = |fit: &Fit| {
             let shared = fit
@@ -464,6 +457,19 @@ impl Search<'_> {
                 .count();
             shared + 1 < fit.found.min(best.found)
         };
+        // Random dots give few other fits; many betray a regular field, where fits are far likelier than among random dots.
+        let others = ranked
+            .iter()
+            .filter(|(_, fit)| differs(fit) && fit.found >= best.found)
+            .count();
+        let chance = chance + 2.0 * (1.0 + others as f64 / 3.0).log10();
+        if chance > self.settings.false_alarms.log10() {
+            return Err(NotRecognised::ByChance {
+                found: best.found,
+                rms_px: best.rms_px,
+                expected: 10_f64.powf(chance),
+            });
+        }
         let rival = ranked.iter().find(|(_, fit)| differs(fit));
         if let Some((_, fit)) =
             rival.filter(|(other, _)| *other < chance + self.settings.margin.log10())
@@ -478,7 +484,7 @@ impl Search<'_> {
             found: best.found,
             poses: Vec::new(),
             rms_px: best.rms_px,
-            log_false_alarms: *chance,
+            log_false_alarms: chance,
             rival: rival.map(|(other, fit)| RivalAssignment {
                 dots: fit.dots.clone(),
                 rms_px: fit.rms_px,
