@@ -63,6 +63,7 @@ fn grid_field(pose: &Pose, pitch: f64, half: i32, tilt: f64, seed: u64) -> Vec<I
 #[test]
 fn the_cross_is_found_among_many_dots() {
     let (mut found, mut trials) = (0, 0);
+    let mut reasons = Vec::new();
     for seed in 0..12 {
         let pose = station(seed);
         let seen = simulation::ideal_points(&REFERENCE_CROSS, &pose, Noise(0.1), seed);
@@ -86,15 +87,18 @@ fn the_cross_is_found_among_many_dots() {
                 );
                 found += 1;
             }
-            Err(reason) => eprintln!("{seed}: {reason}"),
+            Err(reason) => reasons.push(format!("{seed}: {reason}")),
         }
     }
-    assert!(trials >= 6 && found + 1 >= trials, "{found} of {trials}");
+    assert!(
+        trials >= 6 && found + 1 >= trials,
+        "{found} of {trials}: {reasons:?}"
+    );
 }
 
 #[test]
 fn random_fields_and_grids_are_not_taken_for_the_cross() {
-    let mut alarms = 0;
+    let mut alarms = Vec::new();
     for seed in 0..3 {
         let fields = [
             random_field(60 + 40 * seed as usize, seed),
@@ -105,12 +109,11 @@ fn random_fields_and_grids_are_not_taken_for_the_cross() {
             if let Ok(found) =
                 recognise_device(&device(), &field, &[], 20.0, &DeviceSettings::default())
             {
-                eprintln!("alarm {seed} {} {found:?}", field.len());
-                alarms += 1;
+                alarms.push((seed, field.len(), found));
             }
         }
     }
-    assert_eq!(alarms, 0);
+    assert!(alarms.is_empty(), "{alarms:?}");
 }
 
 #[test]

@@ -36,7 +36,7 @@ pub fn covered_share(camera: &Camera, pixels: &[Vector2<f64>]) -> f64 {
     let mut covered = 0;
     for (row, line) in occupied.iter().enumerate() {
         for column in 0..RASTER {
-            let upright: [bool; RASTER] = std::array::from_fn(|r| occupied[r][column]);
+            let upright = occupied.map(|cells| cells[column]);
             covered += usize::from(between(*line, column) && between(upright, row));
         }
     }
