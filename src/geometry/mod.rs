@@ -4,6 +4,11 @@
 //! camera looks along -z. A rotation matrix `M` takes world directions to the camera frame, `X0` is the projection
 //! centre, and `[x', y', -c] ~ M (X - X0)`.
 
+#![allow(
+    clippy::neg_cmp_op_on_partial_ord,
+    reason = "`!(x > limit)` also refuses what is not a number, which `x <= limit` would let pass"
+)]
+
 mod homography;
 mod intersection;
 mod plane;

@@ -41,9 +41,8 @@ fn roots_between(coefficients: &[f64], low: f64, high: f64) -> Vec<f64> {
     for (index, pair) in bounds.windows(2).enumerate() {
         let (left, right) = (value(coefficients, pair[0]), value(coefficients, pair[1]));
         // A double root: the turning point lies on the axis within rounding.
-        if index > 0 && left.abs() <= 1e-13 * magnitude(coefficients, pair[0]) {
-            push_distinct(&mut roots, pair[0]);
-        } else if left == 0.0 {
+        let touches = index > 0 && left.abs() <= 1e-13 * magnitude(coefficients, pair[0]);
+        if touches || left == 0.0 {
             push_distinct(&mut roots, pair[0]);
         } else if left * right < 0.0 {
             push_distinct(

@@ -121,7 +121,9 @@ pub enum NotRecognised {
         proposals: usize,
     },
     /// Dots fit, but among so many dots that means little.
-    #[error("{found} dots fit the reference device within {rms_px:.2} px, which chance does too ({expected:.1e} times an image)")]
+    #[error(
+        "{found} dots fit the reference device within {rms_px:.2} px, which chance does too ({expected:.1e} times an image)"
+    )]
     ByChance {
         /// Points found.
         found: usize,
@@ -131,7 +133,9 @@ pub enum NotRecognised {
         expected: f64,
     },
     /// Several assignments fit.
-    #[error("several groups of dots fit the reference device: {rms_px:.2} px and {rival_rms_px:.2} px")]
+    #[error(
+        "several groups of dots fit the reference device: {rms_px:.2} px and {rival_rms_px:.2} px"
+    )]
     Ambiguous {
         /// Root mean square residual of the best, px.
         rms_px: f64,
@@ -157,16 +161,25 @@ pub fn recognise_device(
     settings: &DeviceSettings,
 ) -> Result<DeviceRecognition, NotRecognised> {
     if !(4..=MOST_POINTS).contains(&device.len()) {
-        return Err(NotRecognised::DeviceSize { found: device.len() });
+        return Err(NotRecognised::DeviceSize {
+            found: device.len(),
+        });
     }
     let facing = front_of(device)?;
     let usable: Vec<usize> = (0..dots.len())
         .filter(|k| !ignored.contains(k) && dots[*k].ideal.iter().all(|x| x.is_finite()))
         .collect();
-    let missing = if device.len() >= 8 { 2 } else { usize::from(device.len() > 4) };
+    let missing = if device.len() >= 8 {
+        2
+    } else {
+        usize::from(device.len() > 4)
+    };
     let needed = device.len() - missing;
     if usable.len() < needed {
-        return Err(NotRecognised::TooFewDots { found: usable.len(), needed });
+        return Err(NotRecognised::TooFewDots {
+            found: usable.len(),
+            needed,
+        });
     }
     let places: Vec<Vector2<f64>> = usable.iter().map(|&k| dots[k].ideal).collect();
     let limits = Limits {
@@ -174,21 +187,26 @@ pub fn recognise_device(
         tolerance: settings.search_tolerance_px * settings.pixel_pitch_mm,
         least_cosine: settings.largest_tilt.cos(),
         missing,
-        ranges: usable.iter().map(|&k| range_of(&dots[k], c, settings)).collect(),
+        ranges: usable
+            .iter()
+            .map(|&k| range_of(&dots[k], c, settings))
+            .collect(),
     };
-    let search = Search { device, places: &places, c, settings, needed };
+    let search = Search {
+        device,
+        places: &places,
+        c,
+        settings,
+        needed,
+    };
     let mut fits: Vec<Fit> = Vec::new();
     let (mut tried, mut proposed) = (0, 0);
     let grid = DotGrid::new(&places, 2.0 * limits.tolerance);
     for base in bases(device, &facing, missing) {
-        let t0=std::time::Instant::now();
         let (proposals, poses) = propose(device, &base, &places, &grid, &limits);
-        eprintln!("base {:?} propose {:?} poses {poses} proposals {}", base.points, t0.elapsed(), proposals.len());
-        let t0=std::time::Instant::now();
         tried += poses;
         proposed += proposals.len();
         fits.extend(search.fit_best(proposals, &grid));
-        eprintln!("fit {:?}", t0.elapsed());
         // Every assignment with all points shows up with every base, so the others can only add incomplete ones.
         let complete = |fit: &Fit| fit.found == device.len() && search.is_improbable(fit, tried);
         if fits.iter().any(complete) {
@@ -199,13 +217,21 @@ pub fn recognise_device(
     let pairs: Vec<IdealPoint> = device
         .iter()
         .zip(&decided.dots)
-        .filter_map(|(point, dot)| Some(IdealPoint { point: *point, ideal: places[(*dot)?] }))
+        .filter_map(|(point, dot)| {
+            Some(IdealPoint {
+                point: *point,
+                ideal: places[(*dot)?],
+            })
+        })
         .collect();
     let named = |list: &[Option<usize>]| list.iter().map(|dot| dot.map(|k| usable[k])).collect();
     Ok(DeviceRecognition {
         dots: named(&decided.dots),
         poses: poses_with_nominal_camera(&pairs, c)?,
-        rival: decided.rival.map(|rival| RivalAssignment { dots: named(&rival.dots), ..rival }),
+        rival: decided.rival.map(|rival| RivalAssignment {
+            dots: named(&rival.dots),
+            ..rival
+        }),
         ..decided
     })
 }
@@ -258,7 +284,10 @@ impl Search<'_> {
     /// The best proposals of different dots, fitted.
     fn fit_best(&self, mut proposals: Vec<Proposal>, grid: &DotGrid) -> Vec<Fit> {
         proposals.sort_by(|a, b| {
-            b.found.cmp(&a.found).then(a.misfit.total_cmp(&b.misfit)).then_with(|| a.dots.cmp(&b.dots))
+            b.found
+                .cmp(&a.found)
+                .then(a.misfit.total_cmp(&b.misfit))
+                .then_with(|| a.dots.cmp(&b.dots))
         });
         let mut seen = std::collections::BTreeSet::new();
         proposals.retain(|p| seen.insert(p.dots.clone()));
@@ -305,9 +334,16 @@ impl Search<'_> {
 
     /// Pose and lens bend by Gauss-Newton, with the residuals (mm); `None` where it does not settle in front.
     fn adjust(&self, dots: &[Option<usize>], start: Pose) -> Option<(BentPose, Vec<Vector2<f64>>)> {
-        let mut bent = BentPose { pose: start, k1: 0.0 };
-        let pairs: Vec<(Vector3<f64>, Vector2<f64>)> =
-            self.device.iter().zip(dots).filter_map(|(p, dot)| Some((*p, self.places[(*dot)?]))).collect();
+        let mut bent = BentPose {
+            pose: start,
+            k1: 0.0,
+        };
+        let pairs: Vec<(Vector3<f64>, Vector2<f64>)> = self
+            .device
+            .iter()
+            .zip(dots)
+            .filter_map(|(p, dot)| Some((*p, self.places[(*dot)?])))
+            .collect();
         // The lens may bend as far as its a-priori sigma against residuals of half a pixel.
         let noise = 0.5 * self.settings.pixel_pitch_mm;
         let stiffness = (noise / self.settings.radial_sigma.max(1e-12)).powi(2);
@@ -323,7 +359,9 @@ impl Search<'_> {
             }
             let scale = normal.diagonal().map(|d| 1.0 / d.sqrt());
             let scaling = SMatrix::<f64, 7, 7>::from_diagonal(&scale);
-            let step = (scaling * normal * scaling).cholesky()?.solve(&(scaling * right));
+            let step = (scaling * normal * scaling)
+                .cholesky()?
+                .solve(&(scaling * right));
             let step = step.component_mul(&scale);
             let turn = step.fixed_rows::<3>(0).into_owned();
             let shift = step.fixed_rows::<3>(3).into_owned();
@@ -331,13 +369,18 @@ impl Search<'_> {
             if !(turn.norm() < 0.5) {
                 return None;
             }
-            bent = BentPose { pose: bent.pose.moved(&turn, &shift), k1: bent.k1 + step[6] };
+            bent = BentPose {
+                pose: bent.pose.moved(&turn, &shift),
+                k1: bent.k1 + step[6],
+            };
             if turn.norm() < 1e-8 {
                 break;
             }
         }
-        let residuals: Option<Vec<Vector2<f64>>> =
-            pairs.iter().map(|(point, measured)| Some(bent.residual(point, measured, self.c)?.0)).collect();
+        let residuals: Option<Vec<Vector2<f64>>> = pairs
+            .iter()
+            .map(|(point, measured)| Some(bent.residual(point, measured, self.c)?.0))
+            .collect();
         Some((bent, residuals?))
     }
 
@@ -345,8 +388,16 @@ impl Search<'_> {
     fn density(&self, dots: &[Option<usize>]) -> f64 {
         let chosen: Vec<Vector2<f64>> = dots.iter().flatten().map(|&k| self.places[k]).collect();
         let centre = chosen.iter().sum::<Vector2<f64>>() / chosen.len() as f64;
-        let radius = chosen.iter().map(|p| (p - centre).norm()).fold(0.0, f64::max) * 1.2;
-        let inside = self.places.iter().filter(|p| (*p - centre).norm() <= radius).count();
+        let radius = chosen
+            .iter()
+            .map(|p| (p - centre).norm())
+            .fold(0.0, f64::max)
+            * 1.2;
+        let inside = self
+            .places
+            .iter()
+            .filter(|p| (*p - centre).norm() <= radius)
+            .count();
         let mut low = self.places[0];
         let mut high = low;
         for p in self.places {
@@ -380,35 +431,60 @@ impl Search<'_> {
     }
 
     /// The best assignment, if it is neither chance nor one of several.
-    fn decide(&self, fits: Vec<Fit>, tried: usize, proposed: usize) -> Result<DeviceRecognition, NotRecognised> {
-        let mut ranked: Vec<(f64, Fit)> =
-            fits.into_iter().map(|fit| (self.log_false_alarms(&fit, tried), fit)).collect();
+    fn decide(
+        &self,
+        fits: Vec<Fit>,
+        tried: usize,
+        proposed: usize,
+    ) -> Result<DeviceRecognition, NotRecognised> {
+        let mut ranked: Vec<(f64, Fit)> = fits
+            .into_iter()
+            .map(|fit| (self.log_false_alarms(&fit, tried), fit))
+            .collect();
         ranked.sort_by(|a, b| a.0.total_cmp(&b.0).then_with(|| a.1.dots.cmp(&b.1.dots)));
         let Some((chance, best)) = ranked.first() else {
-            return Err(NotRecognised::NothingFits { proposals: proposed });
+            return Err(NotRecognised::NothingFits {
+                proposals: proposed,
+            });
         };
-        if *chance > self.settings.false_alarms.log10() {
+        // Assignments that share all dots but one are the same recognition with a dot more, less or exchanged.
+        let differs = |fit: &Fit| {
+            let shared = fit
+                .dots
+                .iter()
+                .zip(&best.dots)
+                .filter(|(a, b)| a.is_some() && a == b)
+                .count();
+            shared + 1 < fit.found.min(best.found)
+        };
+        // Random dots give few other fits; many betray a regular field, where fits are far likelier than among random dots.
+        let others = ranked
+            .iter()
+            .filter(|(_, fit)| differs(fit) && fit.found >= best.found)
+            .count();
+        let chance = chance + 2.0 * (1.0 + others as f64 / 3.0).log10();
+        if chance > self.settings.false_alarms.log10() {
             return Err(NotRecognised::ByChance {
                 found: best.found,
                 rms_px: best.rms_px,
-                expected: 10_f64.powf(*chance),
+                expected: 10_f64.powf(chance),
             });
         }
-        // Assignments that share all dots but one are the same recognition with a dot more, less or exchanged.
-        let differs = |fit: &Fit| {
-            let shared = fit.dots.iter().zip(&best.dots).filter(|(a, b)| a.is_some() && a == b).count();
-            shared + 1 < fit.found.min(best.found)
-        };
         let rival = ranked.iter().find(|(_, fit)| differs(fit));
-        if let Some((_, fit)) = rival.filter(|(other, _)| *other < chance + self.settings.margin.log10()) {
-            return Err(NotRecognised::Ambiguous { rms_px: best.rms_px, rival_rms_px: fit.rms_px });
+        if let Some((_, fit)) =
+            rival.filter(|(other, _)| *other < chance + self.settings.margin.log10())
+        {
+            return Err(NotRecognised::Ambiguous {
+                rms_px: best.rms_px,
+                rival_rms_px: fit.rms_px,
+            });
         }
         Ok(DeviceRecognition {
             dots: best.dots.clone(),
             found: best.found,
             poses: Vec::new(),
             rms_px: best.rms_px,
-            log_false_alarms: *chance,
+            log_false_alarms: chance,
             rival: rival.map(|(other, fit)| RivalAssignment {
                 dots: fit.dots.clone(),
                 rms_px: fit.rms_px,
@@ -439,7 +515,9 @@ impl BentPose {
         let s = -c / k.z;
         let by_point = SMatrix::<f64, 2, 3>::new(s, 0.0, -s * k.x / k.z, 0.0, s, -s * k.y / k.z);
         let mut jacobian = SMatrix::<f64, 2, 7>::zeros();
-        jacobian.fixed_view_mut::<2, 3>(0, 0).copy_from(&(-by_point * skew(&k)));
+        jacobian
+            .fixed_view_mut::<2, 3>(0, 0)
+            .copy_from(&(-by_point * skew(&k)));
         let by_centre = -by_point * self.pose.camera_from_world.matrix();
         jacobian.fixed_view_mut::<2, 3>(0, 3).copy_from(&by_centre);
         let r2 = measured.norm_squared();

@@ -34,10 +34,17 @@ impl Base {
     fn of(device: &[Vector3<f64>], triple: [usize; 3], facing: &Vector3<f64>) -> Option<Self> {
         let longest = |k: usize| {
             let from = device[triple[k]];
-            triple.iter().map(|&m| (device[m] - from).norm()).fold(0.0, f64::max)
+            triple
+                .iter()
+                .map(|&m| (device[m] - from).norm())
+                .fold(0.0, f64::max)
         };
         let first = (0..3).min_by(|&a, &b| longest(a).total_cmp(&longest(b)))?;
-        let points = [triple[first], triple[(first + 1) % 3], triple[(first + 2) % 3]];
+        let points = [
+            triple[first],
+            triple[(first + 1) % 3],
+            triple[(first + 2) % 3],
+        ];
         let [origin, u, v] = points.map(|k| device[k]);
         let (u, v) = (u - origin, v - origin);
         let normal = u.cross(&v);
@@ -80,10 +87,21 @@ pub(super) fn bases(device: &[Vector3<f64>], facing: &Vector3<f64>, missing: usi
     let mut uncovered = subsets(n, missing);
     let mut chosen: Vec<Base> = Vec::new();
     while !uncovered.is_empty() {
-        let covers = |base: &Base, hidden: &[usize]| !hidden.iter().any(|h| base.points.contains(h));
-        let gain = |base: &Base| uncovered.iter().filter(|hidden| covers(base, hidden)).count();
+        let covers =
+            |base: &Base, hidden: &[usize]| !hidden.iter().any(|h| base.points.contains(h));
+        let gain = |base: &Base| {
+            uncovered
+                .iter()
+                .filter(|hidden| covers(base, hidden))
+                .count()
+        };
         // The first of the largest gains is the widest triangle, since `max_by_key` would take the last.
-        let Some(best) = candidates.iter().rev().max_by_key(|base| gain(base)).filter(|b| gain(b) > 0).cloned()
+        let Some(best) = candidates
+            .iter()
+            .rev()
+            .max_by_key(|base| gain(base))
+            .filter(|b| gain(b) > 0)
+            .cloned()
         else {
             break;
         };
@@ -98,7 +116,9 @@ fn subsets(n: usize, size: usize) -> Vec<Vec<usize>> {
     match size {
         0 => vec![Vec::new()],
         1 => (0..n).map(|k| vec![k]).collect(),
-        _ => (0..n).flat_map(|j| (0..j).map(move |k| vec![k, j])).collect(),
+        _ => (0..n)
+            .flat_map(|j| (0..j).map(move |k| vec![k, j]))
+            .collect(),
     }
 }
 
@@ -139,14 +159,31 @@ impl DotGrid {
         for k in 1..starts.len() {
             starts[k] += starts[k - 1];
         }
-        Self { low, cell, columns, rows, starts, members, places: places.to_vec() }
+        Self {
+            low,
+            cell,
+            columns,
+            rows,
+            starts,
+            members,
+            places: places.to_vec(),
+        }
     }
 
     /// The dot nearest to a place within `radius`, other than `taken`, and its distance.
-    pub(super) fn nearest(&self, place: &Vector2<f64>, radius: f64, taken: &[Option<usize>]) -> Option<(usize, f64)> {
+    pub(super) fn nearest(
+        &self,
+        place: &Vector2<f64>,
+        radius: f64,
+        taken: &[Option<usize>],
+    ) -> Option<(usize, f64)> {
         let from = (place - self.low - Vector2::repeat(radius)) / self.cell;
         let to = (place - self.low + Vector2::repeat(radius)) / self.cell;
-        if !(to.x >= 0.0 && to.y >= 0.0 && from.x <= self.columns as f64 && from.y <= self.rows as f64) {
+        if !(to.x >= 0.0
+            && to.y >= 0.0
+            && from.x <= self.columns as f64
+            && from.y <= self.rows as f64)
+        {
             return None;
         }
         let columns = from.x.max(0.0) as usize..=(to.x as usize).min(self.columns - 1);
@@ -206,7 +243,9 @@ pub(super) fn propose(
     let neighbours = ((NEIGHBOUR_BUDGET / n as f64).sqrt() as usize).clamp(24, 200);
     // How far the base's plane may be turned away when the device itself is seen at the largest angle.
     let lean = base.facing.z.clamp(-1.0, 1.0).acos();
-    let least_base_cosine = (limits.least_cosine.acos() + lean).min(std::f64::consts::PI).cos();
+    let least_base_cosine = (limits.least_cosine.acos() + lean)
+        .min(std::f64::consts::PI)
+        .cos();
     for first in 0..n {
         let view = View::towards(&places[first], limits.c);
         let near = nearest_dots(first, places, neighbours);
@@ -222,20 +261,32 @@ pub(super) fn propose(
                     continue;
                 }
                 let map = Matrix2::from_columns(&[seen[j], seen[k]]) * base.inverse;
-                let Some(()) = plausible(&map, &scales, least_base_cosine) else { continue };
+                let Some(()) = plausible(&map, &scales, least_base_cosine) else {
+                    continue;
+                };
                 for sign in [1.0, -1.0] {
-                    let Some(flat) = Tilted::from_map(&map, sign) else { continue };
+                    let Some(flat) = Tilted::from_map(&map, sign) else {
+                        continue;
+                    };
                     // Parallel projection misjudges tilts by some degrees and distances by some per cent.
-                    if !flat.within(base, 0.8 * limits.least_cosine, &[1.3 * scales[0], 0.7 * scales[1]]) {
+                    if !flat.within(
+                        base,
+                        0.8 * limits.least_cosine,
+                        &[1.3 * scales[0], 0.7 * scales[1]],
+                    ) {
                         continue;
                     }
-                    let Some(tilted) = flat.in_perspective(base, &[seen[j], seen[k]], sign) else { continue };
+                    let Some(tilted) = flat.in_perspective(base, &[seen[j], seen[k]], sign) else {
+                        continue;
+                    };
                     if !tilted.within(base, limits.least_cosine, &scales) {
                         continue;
                     }
                     tried += 1;
                     let base_dots = [first, *second, *third];
-                    proposals.extend(predict(device, base, &view, &tilted, base_dots, grid, limits));
+                    proposals.extend(predict(
+                        device, base, &view, &tilted, base_dots, grid, limits,
+                    ));
                 }
             }
         }
@@ -271,7 +322,10 @@ impl View {
         let backwards = -Vector3::new(place.x, place.y, -c).normalize();
         let x = Vector3::y().cross(&backwards).normalize();
         let y = backwards.cross(&x);
-        Self { turn: Matrix3::from_rows(&[x.transpose(), y.transpose(), backwards.transpose()]), c }
+        Self {
+            turn: Matrix3::from_rows(&[x.transpose(), y.transpose(), backwards.transpose()]),
+            c,
+        }
     }
 
     fn tangential(&self, place: &Vector2<f64>) -> Vector2<f64> {
@@ -320,7 +374,8 @@ impl Tilted {
     fn in_perspective(mut self, base: &Base, seen: &[Vector2<f64>; 2], sign: f64) -> Option<Self> {
         for _ in 0..2 {
             let lifted = [0, 1].map(|k: usize| {
-                let towards = self.rotation[(2, 0)] * base.places[k].x + self.rotation[(2, 1)] * base.places[k].y;
+                let towards = self.rotation[(2, 0)] * base.places[k].x
+                    + self.rotation[(2, 1)] * base.places[k].y;
                 seen[k] * (1.0 - self.scale * towards)
             });
             self = Self::from_map(&(Matrix2::from_columns(&lifted) * base.inverse), sign)?;
@@ -333,17 +388,25 @@ impl Tilted {
         let (p, q) = (map.column(0), map.column(1));
         let squares = p.norm_squared() + q.norm_squared();
         let determinant = map.determinant();
-        let scale2 = 0.5 * (squares + (squares * squares - 4.0 * determinant * determinant).max(0.0).sqrt());
+        let scale2 = 0.5
+            * (squares
+                + (squares * squares - 4.0 * determinant * determinant)
+                    .max(0.0)
+                    .sqrt());
         if !(scale2 > 0.0) {
             return None;
         }
         let scale = scale2.sqrt();
         let dot = p.dot(&q);
         let a = (1.0 - p.norm_squared() / scale2).max(0.0).sqrt() * sign;
-        let b = (1.0 - q.norm_squared() / scale2).max(0.0).sqrt() * if dot > 0.0 { -sign } else { sign };
+        let b = (1.0 - q.norm_squared() / scale2).max(0.0).sqrt()
+            * if dot > 0.0 { -sign } else { sign };
         let x = Vector3::new(p.x / scale, p.y / scale, a);
         let y = Vector3::new(q.x / scale, q.y / scale, b);
-        Some(Self { rotation: Matrix3::from_columns(&[x, y, x.cross(&y)]), scale })
+        Some(Self {
+            rotation: Matrix3::from_columns(&[x, y, x.cross(&y)]),
+            scale,
+        })
     }
 }
 
@@ -368,7 +431,9 @@ fn predict(
     let mut chosen = [None; 16];
     for (slot, (_, place)) in base.others.iter().enumerate() {
         let point = tilted.rotation * place - Vector3::z() * distance;
-        let hit = view.image(&point).and_then(|image| grid.nearest(&image, limits.tolerance, &taken[..found]));
+        let hit = view
+            .image(&point)
+            .and_then(|image| grid.nearest(&image, limits.tolerance, &taken[..found]));
         if let Some((dot, miss)) = hit {
             chosen[slot] = Some(dot);
             taken[found] = Some(dot);
@@ -395,7 +460,12 @@ fn predict(
         camera_from_world: rotation,
         centre_in_world: device[base.points[0]] + rotation.inverse() * back,
     };
-    Some(Proposal { dots, found, misfit, pose })
+    Some(Proposal {
+        dots,
+        found,
+        misfit,
+        pose,
+    })
 }
 
 /// The rotation next to a matrix that is one but for rounding and POSIT's remainder.

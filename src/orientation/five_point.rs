@@ -14,13 +14,40 @@ const QUADRATIC: [[usize; 4]; 4] = [[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3
 /// Exponents (x, y, z) of the twenty monomials in the order of Nister (2004):
 /// `x3 y3 x2y xy2 x2z x2 y2z y2 xyz xy | xz2 xz x yz2 yz y z3 z2 z 1`.
 const CUBIC: [[usize; 3]; 20] = [
-    [3, 0, 0], [0, 3, 0], [2, 1, 0], [1, 2, 0], [2, 0, 1], [2, 0, 0], [0, 2, 1], [0, 2, 0], [1, 1, 1], [1, 1, 0],
-    [1, 0, 2], [1, 0, 1], [1, 0, 0], [0, 1, 2], [0, 1, 1], [0, 1, 0], [0, 0, 3], [0, 0, 2], [0, 0, 1], [0, 0, 0],
+    [3, 0, 0],
+    [0, 3, 0],
+    [2, 1, 0],
+    [1, 2, 0],
+    [2, 0, 1],
+    [2, 0, 0],
+    [0, 2, 1],
+    [0, 2, 0],
+    [1, 1, 1],
+    [1, 1, 0],
+    [1, 0, 2],
+    [1, 0, 1],
+    [1, 0, 0],
+    [0, 1, 2],
+    [0, 1, 1],
+    [0, 1, 0],
+    [0, 0, 3],
+    [0, 0, 2],
+    [0, 0, 1],
+    [0, 0, 0],
 ];
 
 /// Exponents of the ten quadratic monomials of [`QUADRATIC`], and of the four linear ones.
 const QUADRATIC_POWERS: [[usize; 3]; 10] = [
-    [2, 0, 0], [1, 1, 0], [1, 0, 1], [1, 0, 0], [0, 2, 0], [0, 1, 1], [0, 1, 0], [0, 0, 2], [0, 0, 1], [0, 0, 0],
+    [2, 0, 0],
+    [1, 1, 0],
+    [1, 0, 1],
+    [1, 0, 0],
+    [0, 2, 0],
+    [0, 1, 1],
+    [0, 1, 0],
+    [0, 0, 2],
+    [0, 0, 1],
+    [0, 0, 0],
 ];
 const LINEAR_POWERS: [[usize; 3]; 4] = [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 0]];
 
@@ -40,21 +67,40 @@ pub(super) struct RayPair {
 /// The up to ten essential matrices (`second^T E first = 0`, unit Frobenius norm) of five pairs of rays (Nister, 2004).
 #[must_use]
 pub(super) fn essential_matrices(pairs: &[RayPair; 5]) -> Vec<Matrix3<f64>> {
-    let Some(basis) = null_space(pairs) else { return Vec::new() };
-    let Some(rows) = reduced_constraints(&basis) else { return Vec::new() };
+    let Some(basis) = null_space(pairs) else {
+        return Vec::new();
+    };
+    let Some(rows) = reduced_constraints(&basis) else {
+        return Vec::new();
+    };
     // Rows 4 to 9 begin with x2z, x2, y2z, y2, xyz, xy; row - z (next row) leaves polynomials in z times x, y and 1.
     let b = [4, 6, 8].map(|row| polynomial_row(&rows, row));
-    let minor = |i: usize, j: usize| subtract(&multiply(&b[0][i], &b[1][j]), &multiply(&b[0][j], &b[1][i]));
+    let minor =
+        |i: usize, j: usize| subtract(&multiply(&b[0][i], &b[1][j]), &multiply(&b[0][j], &b[1][i]));
     let mut determinant = multiply(&minor(1, 2), &b[2][0]);
     determinant = subtract(&determinant, &multiply(&minor(0, 2), &b[2][1]));
-    let last: Vec<f64> = multiply(&minor(0, 1), &b[2][2]).iter().map(|a| -a).collect();
+    let last: Vec<f64> = multiply(&minor(0, 1), &b[2][2])
+        .iter()
+        .map(|a| -a)
+        .collect();
     determinant = subtract(&determinant, &last);
     let mut matrices = Vec::new();
     for z in real_roots(&determinant, -LARGEST_ROOT, LARGEST_ROOT) {
-        let at = b.each_ref().map(|row| Vector3::from_fn(|k, _| evaluate(&row[k], z)));
+        let at = b
+            .each_ref()
+            .map(|row| Vector3::from_fn(|k, _| evaluate(&row[k], z)));
         // [x, y, 1] is perpendicular to all three rows: the longest cross product is the most exact.
-        let candidates = [at[0].cross(&at[1]), at[0].cross(&at[2]), at[1].cross(&at[2])];
-        let Some(null) = candidates.iter().max_by(|a, b| a.norm().total_cmp(&b.norm())) else { continue };
+        let candidates = [
+            at[0].cross(&at[1]),
+            at[0].cross(&at[2]),
+            at[1].cross(&at[2]),
+        ];
+        let Some(null) = candidates
+            .iter()
+            .max_by(|a, b| a.norm().total_cmp(&b.norm()))
+        else {
+            continue;
+        };
         if null.z.abs() <= 1e-12 * null.norm() {
             continue;
         }
@@ -110,7 +156,8 @@ fn reduced_constraints(basis: &[Matrix3<f64>; 4]) -> Option<SMatrix<f64, 10, 10>
             }
         }
     }
-    let trace: Quadratic = std::array::from_fn(|m| square[0][0][m] + square[1][1][m] + square[2][2][m]);
+    let trace: Quadratic =
+        std::array::from_fn(|m| square[0][0][m] + square[1][1][m] + square[2][2][m]);
     for (i, row) in square.iter().enumerate() {
         for j in 0..3 {
             let mut constraint = [0.0; 20];
@@ -190,8 +237,12 @@ fn evaluate(polynomial: &[f64], x: f64) -> f64 {
 
 /// The four relative poses of an essential matrix, base of length 1 (Hartley and Zisserman, 2004, 9.6.2).
 pub(super) fn poses_of_essential(e: &Matrix3<f64>) -> Vec<Pose> {
-    let Some(svd) = e.try_svd(true, true, f64::EPSILON, 500) else { return Vec::new() };
-    let (Some(mut u), Some(mut v_t)) = (svd.u, svd.v_t) else { return Vec::new() };
+    let Some(svd) = e.try_svd(true, true, f64::EPSILON, 500) else {
+        return Vec::new();
+    };
+    let (Some(mut u), Some(mut v_t)) = (svd.u, svd.v_t) else {
+        return Vec::new();
+    };
     if u.determinant() < 0.0 {
         u.column_mut(2).neg_mut();
     }
@@ -204,7 +255,10 @@ pub(super) fn poses_of_essential(e: &Matrix3<f64>) -> Vec<Pose> {
     for turn in [w, w.transpose()] {
         let rotation = Rotation3::from_matrix_unchecked(u * turn * v_t);
         for sign in [1.0, -1.0] {
-            poses.push(Pose { camera_from_world: rotation, centre_in_world: base * sign });
+            poses.push(Pose {
+                camera_from_world: rotation,
+                centre_in_world: base * sign,
+            });
         }
     }
     poses
@@ -218,8 +272,12 @@ pub(super) fn essential_of(pose: &Pose) -> Matrix3<f64> {
 /// The up to two relative poses (and their opposites) of a plane's homography `second ~ H first` between rays
 /// (Faugeras and Lustman, 1988, in the form of Ma et al., 2004, 5.3.3), base of length 1; empty for a pure rotation.
 pub(super) fn poses_of_homography(h: &Matrix3<f64>) -> Vec<Pose> {
-    let Some(svd) = h.try_svd(true, true, f64::EPSILON, 500) else { return Vec::new() };
-    let Some(v_t) = svd.v_t else { return Vec::new() };
+    let Some(svd) = h.try_svd(true, true, f64::EPSILON, 500) else {
+        return Vec::new();
+    };
+    let Some(v_t) = svd.v_t else {
+        return Vec::new();
+    };
     let middle = svd.singular_values[1];
     let h = h * (if h.determinant() < 0.0 { -1.0 } else { 1.0 } / middle);
     let [a, _, c] = [0, 1, 2].map(|k: usize| (svd.singular_values[k] / middle).powi(2));
@@ -231,9 +289,14 @@ pub(super) fn poses_of_homography(h: &Matrix3<f64>) -> Vec<Pose> {
     if !(a - c > 1e-6) {
         return Vec::new();
     }
-    let (v1, v2, v3): (Vector3<f64>, Vector3<f64>, Vector3<f64>) =
-        (v.column(0).into_owned(), v.column(1).into_owned(), v.column(2).into_owned());
-    let along = |sign: f64| (v1 * (1.0 - c).max(0.0).sqrt() + v3 * (sign * (a - 1.0).max(0.0).sqrt())) / (a - c).sqrt();
+    let (v1, v2, v3): (Vector3<f64>, Vector3<f64>, Vector3<f64>) = (
+        v.column(0).into_owned(),
+        v.column(1).into_owned(),
+        v.column(2).into_owned(),
+    );
+    let along = |sign: f64| {
+        (v1 * (1.0 - c).max(0.0).sqrt() + v3 * (sign * (a - 1.0).max(0.0).sqrt())) / (a - c).sqrt()
+    };
     let mut poses = Vec::with_capacity(4);
     for u in [along(1.0), along(-1.0)] {
         let from = Matrix3::from_columns(&[v2, u, v2.cross(&u)]);
@@ -289,8 +352,9 @@ mod tests {
         for seed in 0..300 {
             let pose = stereo(seed);
             let mut rng = simulation::random(seed);
-            let points: Vec<Vector3<f64>> =
-                (0..5).map(|_| simulation::vector(&mut rng, 0.3) - Vector3::z() * 2.0).collect();
+            let points: Vec<Vector3<f64>> = (0..5)
+                .map(|_| simulation::vector(&mut rng, 0.3) - Vector3::z() * 2.0)
+                .collect();
             let pairs = pairs_of(&pose, &points);
             let five = [0, 1, 2, 3, 4].map(|k: usize| pairs[k]);
             let truth = essential_of(&pose).normalize();
@@ -313,7 +377,8 @@ mod tests {
                     .iter()
                     .map(|p| {
                         (p.centre_in_world - pose.centre_in_world).norm()
-                            + (p.camera_from_world.matrix() - pose.camera_from_world.matrix()).norm()
+                            + (p.camera_from_world.matrix() - pose.camera_from_world.matrix())
+                                .norm()
                     })
                     .fold(f64::INFINITY, f64::min)
             };

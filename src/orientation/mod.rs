@@ -16,12 +16,18 @@
 //! - [`device`]: recognition of the reference cross among all dots of an image by its coordinates alone.
 //! - [`pair`]: how well two images are placed to begin a network.
 
+#![allow(
+    clippy::neg_cmp_op_on_partial_ord,
+    reason = "`!(x > limit)` also refuses what is not a number, which `x <= limit` would let pass"
+)]
+
 pub mod consensus;
 pub mod device;
 mod device_search;
 pub mod dlt;
 mod five_point;
 pub mod p3p;
+pub mod pair;
 pub mod plane_pose;
 pub mod refine;
 pub mod relative;
@@ -35,12 +41,14 @@ pub use device::{
 };
 pub use dlt::{DltError, DltSettings, DltSolution, direct_linear_transformation};
 pub use p3p::three_point_poses;
+pub use pair::{PairQuality, covered_share, median_intersection_angle, pair_quality};
 pub use plane_pose::{NominalPose, PlanePoseError, plane_poses, poses_with_nominal_camera};
 pub use refine::{
     IdealPoint, Loss, PoseObservation, RefineError, RefineSettings, RefinedPose, refine_pose,
 };
 pub use relative::{
-    PixelPair, RelativeError, RelativeOrientation, RelativePose, RelativeSettings, relative_orientation,
+    PixelPair, RelativeError, RelativeOrientation, RelativePose, RelativeSettings,
+    relative_orientation,
 };
 pub use similarity::{
     CodeView, RotationGround, SimilarityError, SimilarityResection, resect_by_similarity,

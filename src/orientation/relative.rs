@@ -8,7 +8,10 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::five_point::{RayPair, essential_matrices, essential_of, poses_of_essential, poses_of_homography, ray_homography};
+use super::five_point::{
+    RayPair, essential_matrices, essential_of, poses_of_essential, poses_of_homography,
+    ray_homography,
+};
 use super::refine::turn_between;
 use crate::camera::Camera;
 use crate::geometry::{Pose, Ray, shortest_segment, skew};
@@ -89,7 +92,9 @@ pub enum RelativeError {
         needed: usize,
     },
     /// No pose agrees with enough of them.
-    #[error("no relative orientation agrees with more than {agreeing} of {given} points, {needed} are needed")]
+    #[error(
+        "no relative orientation agrees with more than {agreeing} of {given} points, {needed} are needed"
+    )]
     NoConsensus {
         /// Most that agreed.
         agreeing: usize,
@@ -118,28 +123,37 @@ pub fn relative_orientation(
     let needed = settings.least_inliers.max(6);
     let given = pairs.len();
     if given < needed {
-        return Err(RelativeError::TooFewPairs { found: given, needed });
+        return Err(RelativeError::TooFewPairs {
+            found: given,
+            needed,
+        });
     }
     let scene = Scene::new(cameras, pairs, settings.tolerance_px);
     let mut candidates: Vec<Scored> = Vec::new();
     let mut rng = ChaCha8Rng::seed_from_u64(settings.seed);
     let mut limit = settings.most_samples;
     let mut drawn = 0;
+    let mut best_plane: Option<SharedPlane> = None;
     while drawn < limit {
         drawn += 1;
         let sample = sample_of_five(&mut rng, given).map(|k| scene.rays[k]);
         for e in essential_matrices(&sample) {
             let score = scene.score(&e);
-            keep(&mut candidates, Scored { score, poses: poses_of_essential(&e) }, 12);
+            keep(
+                &mut candidates,
+                Scored {
+                    score,
+                    e,
+                    poses: poses_of_essential(&e),
+                },
+            );
         }
         // The plane's samples of four are the first of the five.
-        if let Some(h) = ray_homography(&sample[..4]) {
-            if let Some(refined) = scene.polished_homography(&h) {
-                for pose in poses_of_homography(&refined) {
-                    let score = scene.score(&essential_of(&pose));
-                    keep(&mut candidates, Scored { score, poses: vec![pose] }, 12);
-                }
-            }
+        let plane = ray_homography(&sample[..4]).and_then(|h| scene.polished_homography(&h));
+        if let Some(found) =
+            plane.filter(|found| best_plane.is_none_or(|best| found.agreeing > best.agreeing))
+        {
+            best_plane = Some(found);
         }
         if let Some(best) = candidates.first() {
             // The score is at least the number of outliers.
@@ -148,30 +162,50 @@ pub fn relative_orientation(
             limit = limit.min((enough as usize).max(30));
         }
     }
-    let mut found: Vec<RelativePose> = Vec::new();
-    for candidate in &candidates {
-        for pose in &candidate.poses {
-            found.extend(scene.refined(pose).filter(|r| r.inlier_count >= 5));
-        }
-    }
+    let of_plane = best_plane
+        .map(|plane| poses_of_homography(&plane.homography))
+        .unwrap_or_default();
+    let found: Vec<RelativePose> = of_plane
+        .iter()
+        .chain(candidates.iter().flat_map(|c| &c.poses))
+        .filter_map(|pose| scene.refined(pose).filter(|r| r.inlier_count >= 5))
+        .collect();
     choose(found, settings, given, needed)
 }
+
+/// Essential matrices that are refined at most.
+const MOST_CANDIDATES: usize = 12;
 
 /// A candidate and its truncated cost (number of tolerances squared; 1 for an outlier).
 struct Scored {
     score: f64,
+    e: Matrix3<f64>,
     poses: Vec<Pose>,
 }
 
-fn keep(candidates: &mut Vec<Scored>, candidate: Scored, most: usize) {
+/// A homography that many pairs share.
+#[derive(Clone, Copy)]
+struct SharedPlane {
+    homography: Matrix3<f64>,
+    agreeing: usize,
+}
+
+/// Keeps the best clearly different candidates: copies of one solution must not crowd the other one of a plane out.
+fn keep(candidates: &mut Vec<Scored>, candidate: Scored) {
     if !candidate.score.is_finite() || candidate.poses.is_empty() {
         return;
     }
-    let place = candidates.partition_point(|c| c.score <= candidate.score);
-    if place < most {
-        candidates.insert(place, candidate);
-        candidates.truncate(most);
+    let same = |c: &Scored| (c.e - candidate.e).norm().min((c.e + candidate.e).norm()) < 0.03;
+    if candidates
+        .iter()
+        .any(|c| c.score <= candidate.score && same(c))
+    {
+        return;
     }
+    candidates.retain(|c| !same(c));
+    let place = candidates.partition_point(|c| c.score <= candidate.score);
+    candidates.insert(place, candidate);
+    candidates.truncate(MOST_CANDIDATES);
 }
 
 fn sample_of_five(rng: &mut ChaCha8Rng, given: usize) -> [usize; 5] {
@@ -204,10 +238,16 @@ fn choose(
     found.sort_by(|a, b| cost(a).total_cmp(&cost(b)));
     let agreeing = found.iter().map(|r| r.inlier_count).max().unwrap_or(0);
     let Some(best) = found.first().filter(|r| r.inlier_count >= needed).cloned() else {
-        return Err(RelativeError::NoConsensus { agreeing, given, needed });
+        return Err(RelativeError::NoConsensus {
+            agreeing,
+            given,
+            needed,
+        });
     };
     if !(best.median_angle >= settings.least_angle) {
-        return Err(RelativeError::NoBase { median_angle: best.median_angle });
+        return Err(RelativeError::NoBase {
+            median_angle: best.median_angle,
+        });
     }
     let differs = |r: &RelativePose| {
         turn_between(&r.second, &best.second) > 0.02
@@ -231,11 +271,16 @@ struct Scene {
 
 impl Scene {
     fn new(cameras: [&Camera; 2], pairs: &[PixelPair], tolerance_px: f64) -> Self {
-        let unit = |camera: &Camera, pixel: &Vector2<f64>| camera.ray(pixel) / camera.interior.principal_distance;
+        let unit = |camera: &Camera, pixel: &Vector2<f64>| {
+            camera.ray(pixel) / camera.interior.principal_distance
+        };
         Self {
             rays: pairs
                 .iter()
-                .map(|p| RayPair { first: unit(cameras[0], &p.first), second: unit(cameras[1], &p.second) })
+                .map(|p| RayPair {
+                    first: unit(cameras[0], &p.first),
+                    second: unit(cameras[1], &p.second),
+                })
                 .collect(),
             scale: cameras.map(|c| c.interior.principal_distance / c.pixel_pitch_mm),
             tolerance_px,
@@ -246,7 +291,8 @@ impl Scene {
     fn sampson(&self, e: &Matrix3<f64>, pair: &RayPair) -> f64 {
         let along = e * pair.first;
         let back = e.tr_mul(&pair.second);
-        let gradient2 = along.xy().norm_squared() / self.scale[1].powi(2) + back.xy().norm_squared() / self.scale[0].powi(2);
+        let gradient2 = along.xy().norm_squared() / self.scale[1].powi(2)
+            + back.xy().norm_squared() / self.scale[0].powi(2);
         pair.second.dot(&along) / gradient2.sqrt()
     }
 
@@ -256,14 +302,17 @@ impl Scene {
     }
 
     /// A sample's homography over all pairs that it agrees with; `None` where that is only the sample.
-    fn polished_homography(&self, h: &Matrix3<f64>) -> Option<Matrix3<f64>> {
-        let mut h = *h;
+    fn polished_homography(&self, h: &Matrix3<f64>) -> Option<SharedPlane> {
+        let mut shared = SharedPlane {
+            homography: *h,
+            agreeing: 0,
+        };
         for _ in 0..2 {
             let agreeing: Vec<RayPair> = self
                 .rays
                 .iter()
                 .filter(|pair| {
-                    let image = h * pair.first;
+                    let image = shared.homography * pair.first;
                     let miss = image.xy() / -image.z - pair.second.xy();
                     miss.norm() * self.scale[1] <= 2.0 * self.tolerance_px
                 })
@@ -272,30 +321,40 @@ impl Scene {
             if agreeing.len() < 6 {
                 return None;
             }
-            h = ray_homography(&agreeing)?;
+            shared = SharedPlane {
+                homography: ray_homography(&agreeing)?,
+                agreeing: agreeing.len(),
+            };
         }
-        Some(h)
+        Some(shared)
     }
 
     /// Whether a pair's rays meet in front of both cameras, and at which angle.
     fn meets(&self, pose: &Pose, pair: &RayPair) -> Option<f64> {
         let first = Ray::new(Vector3::zeros(), &pair.first);
-        let second = Ray::new(pose.centre_in_world, &pose.world_from_direction(&pair.second));
+        let second = Ray::new(
+            pose.centre_in_world,
+            &pose.world_from_direction(&pair.second),
+        );
         let segment = shortest_segment(&first, &second)?;
-        segment.ranges.iter().all(|r| *r > 0.0).then_some(segment.angle)
+        segment
+            .ranges
+            .iter()
+            .all(|r| *r > 0.0)
+            .then_some(segment.angle)
     }
 
     /// A pose refined on its inliers (pairs within the tolerance that meet in front).
     fn refined(&self, start: &Pose) -> Option<RelativePose> {
         let mut pose = *start;
-        let mut inliers = self.inliers(&pose);
+        let mut inliers = self.inliers(&pose, self.tolerance_px);
         // The two poses with a wrong sign of the base have no pair in front.
         if inliers.iter().filter(|used| **used).count() < 5 {
             return None;
         }
-        for _ in 0..4 {
+        for _ in 0..6 {
             pose = self.adjusted(pose, &inliers)?;
-            let now = self.inliers(&pose);
+            let now = self.inliers(&pose, self.tightened(&pose, &inliers));
             if now == inliers {
                 break;
             }
@@ -319,23 +378,46 @@ impl Scene {
         })
     }
 
-    fn inliers(&self, pose: &Pose) -> Vec<bool> {
+    /// Five times the inliers' standard deviation as their median tells it, within the tolerance: a wrong pair that
+    /// happens to lie near its epipolar line bends the pose, but not the median.
+    fn tightened(&self, pose: &Pose, inliers: &[bool]) -> f64 {
+        let e = essential_of(pose);
+        let used = self.rays.iter().zip(inliers).filter(|(_, used)| **used);
+        let mut misses: Vec<f64> = used.map(|(pair, _)| self.sampson(&e, pair).abs()).collect();
+        misses.sort_by(f64::total_cmp);
+        let median = misses
+            .get(misses.len() / 2)
+            .copied()
+            .unwrap_or(self.tolerance_px);
+        (5.0 * 1.4826 * median).clamp(0.1 * self.tolerance_px, self.tolerance_px)
+    }
+
+    fn inliers(&self, pose: &Pose, tolerance_px: f64) -> Vec<bool> {
         let e = essential_of(pose);
         let agrees = |pair: &RayPair| {
-            self.sampson(&e, pair).abs() <= self.tolerance_px && self.meets(pose, pair).is_some()
+            self.sampson(&e, pair).abs() <= tolerance_px && self.meets(pose, pair).is_some()
         };
         self.rays.iter().map(agrees).collect()
     }
 
     /// Gauss-Newton over three turns and two directions of the base, minimising Sampson's distances.
     fn adjusted(&self, mut pose: Pose, inliers: &[bool]) -> Option<Pose> {
-        let chosen: Vec<&RayPair> = self.rays.iter().zip(inliers).filter(|(_, used)| **used).map(|(p, _)| p).collect();
+        let chosen: Vec<&RayPair> = self
+            .rays
+            .iter()
+            .zip(inliers)
+            .filter(|(_, used)| **used)
+            .map(|(p, _)| p)
+            .collect();
         if chosen.len() < 5 {
             return None;
         }
         let cost = |pose: &Pose| -> f64 {
             let e = essential_of(pose);
-            chosen.iter().map(|pair| self.sampson(&e, pair).powi(2)).sum()
+            chosen
+                .iter()
+                .map(|pair| self.sampson(&e, pair).powi(2))
+                .sum()
         };
         let mut least = cost(&pose);
         let mut damping = 0.0;
@@ -412,108 +494,5 @@ fn directions_across(v: &Vector3<f64>) -> [Vector3<f64>; 2] {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
-    use super::*;
-    use crate::orientation::simulation;
-
-    /// A second camera 1 from the first, both looking at (0, 0, -2).
-    pub(in crate::orientation) fn stereo(seed: u64) -> Pose {
-        let mut rng = simulation::random(seed ^ 0x57e);
-        let azimuth = rng.random_range(0.0..std::f64::consts::TAU);
-        let back = rng.random_range(-0.3..0.5);
-        let base = Vector3::new(azimuth.cos(), azimuth.sin(), back).normalize();
-        let target = Vector3::new(0.0, 0.0, -2.0) + simulation::vector(&mut rng, 0.05);
-        Pose::looking_at(base, target, Vector3::y(), rng.random_range(-3.0..3.0))
-    }
-
-    pub(in crate::orientation) fn pairs_of(pose: &Pose, points: &[Vector3<f64>]) -> Vec<RayPair> {
-        points.iter().map(|p| RayPair { first: *p, second: pose.camera_from_point(p) }).collect()
-    }
-
-    pub(in crate::orientation) fn flat_points(count: usize, seed: u64) -> Vec<Vector3<f64>> {
-        let mut rng = simulation::random(seed ^ 0xf1a7);
-        let tilt = rng.random_range(-0.5..0.5);
-        let mut point = || {
-            let (x, y) = (rng.random_range(-0.5..0.5), rng.random_range(-0.4..0.4));
-            Vector3::new(x, y, -2.0 + tilt * x + 0.2 * y)
-        };
-        (0..count).map(|_| point()).collect()
-    }
-
-    fn pixels(pose: &Pose, points: &[Vector3<f64>], noise: f64, wrong: usize, seed: u64) -> Vec<PixelPair> {
-        let camera = simulation::camera();
-        let mut rng = simulation::random(seed ^ 0x91e5);
-        let mut pairs = Vec::new();
-        for point in points {
-            let image = |k: Vector3<f64>| {
-                let ideal = k.xy() * (-20.0 / k.z);
-                camera.pixel_from_ideal(&ideal).unwrap_or_default()
-            };
-            let mut error = || noise * Vector2::new(simulation::normal(&mut rng), simulation::normal(&mut rng));
-            let (e1, e2) = (error(), error());
-            pairs.push(PixelPair {
-                first: image(*point) + e1,
-                second: image(pose.camera_from_point(point)) + e2,
-            });
-        }
-        for k in 0..wrong {
-            pairs[k].second = Vector2::new(rng.random_range(0.0..3072.0), rng.random_range(0.0..2048.0));
-        }
-        pairs
-    }
-
-    fn solve(pairs: &[PixelPair]) -> Result<RelativeOrientation, RelativeError> {
-        let camera = simulation::camera();
-        relative_orientation([&camera, &camera], pairs, &RelativeSettings::default())
-    }
-
-    fn error(found: &RelativePose, truth: &Pose) -> f64 {
-        turn_between(&found.second, truth) + (found.second.centre_in_world - truth.centre_in_world).norm()
-    }
-
-    #[test]
-    fn spatial_points_with_a_fifth_wrong_give_the_pose() {
-        for seed in 0..20 {
-            let pose = stereo(seed);
-            let mut rng = simulation::random(seed);
-            let points: Vec<Vector3<f64>> =
-                (0..30).map(|_| simulation::vector(&mut rng, 0.35) - Vector3::z() * 2.0).collect();
-            let found = solve(&pixels(&pose, &points, 0.1, 6, seed)).unwrap();
-            // 0.1 px are 4.5e-5 rad; the base's direction is some ten times weaker.
-            assert!(error(&found.best, &pose) < 3e-3, "{seed}: {}", error(&found.best, &pose));
-            assert!(found.best.inliers[6..].iter().all(|used| *used));
-            assert!(found.best.inliers[..6].iter().filter(|used| **used).count() <= 1);
-            assert!(found.best.rms_px < 0.2);
-            let exact = solve(&pixels(&pose, &points, 0.0, 0, seed)).unwrap();
-            assert!(error(&exact.best, &pose) < 1e-9);
-        }
-    }
-
-    #[test]
-    fn of_flat_points_the_true_pose_is_one_of_those_told() {
-        for seed in 0..30 {
-            let pose = stereo(seed);
-            let found = solve(&pixels(&pose, &flat_points(40, seed), 0.1, 8, seed)).unwrap();
-            let other = found.alternative.as_ref().map_or(f64::INFINITY, |a| error(a, &pose));
-            let nearest = error(&found.best, &pose).min(other);
-            assert!(nearest < 0.01, "{seed}: {nearest}");
-        }
-    }
-
-    #[test]
-    fn no_base_chance_and_degenerate_pairs_are_errors() {
-        let still = Pose::looking_at(Vector3::zeros(), Vector3::new(0.05, 0.02, -2.0), Vector3::y(), 0.2);
-        let mut rng = simulation::random(8);
-        let points: Vec<Vector3<f64>> =
-            (0..20).map(|_| simulation::vector(&mut rng, 0.3) - Vector3::z() * 2.0).collect();
-        assert!(solve(&pixels(&still, &points, 0.1, 0, 8)).is_err());
-        let wrong = solve(&pixels(&stereo(1), &points, 0.1, 20, 8));
-        assert!(wrong.is_err() || wrong.is_ok_and(|w| w.best.inlier_count <= 12));
-        assert!(matches!(
-            solve(&pixels(&stereo(1), &points[..4], 0.0, 0, 8)),
-            Err(RelativeError::TooFewPairs { found: 4, needed: 8 })
-        ));
-        assert!(solve(&[PixelPair { first: Vector2::zeros(), second: Vector2::zeros() }; 12]).is_err());
-        assert!(solve(&[PixelPair { first: Vector2::repeat(f64::NAN), second: Vector2::zeros() }; 12]).is_err());
-    }
-}
+#[path = "relative_tests.rs"]
+pub(super) mod tests;
