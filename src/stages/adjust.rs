@@ -49,12 +49,13 @@ pub(super) fn adjust(network: &mut Network, stage: Stage, monitor: &Monitor) -> 
         Stage::Adjust => DatumPoints::Targets,
         _ => DatumPoints::All,
     };
-    let enough = network.oriented_images().count() >= IMAGES_TO_CALIBRATE;
-    let freedom = if enough { LensFreedom::Free } else { LensFreedom::Provisional };
+    let images = network.oriented_images().count();
+    let held = LensFreedom::Provisional { images };
+    let freedom = if images >= IMAGES_TO_CALIBRATE { LensFreedom::Free } else { held };
     let mut bundle = Bundle::assemble(network, freedom, datum);
     let robust = match solve(&bundle, network, monitor) {
         Err(AdjustmentError::RankDefect { .. }) if freedom == LensFreedom::Free => {
-            bundle = Bundle::assemble(network, LensFreedom::Provisional, datum);
+            bundle = Bundle::assemble(network, held, datum);
             network.note(Finding {
                 stage,
                 kind: FindingKind::Camera,

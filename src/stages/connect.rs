@@ -17,6 +17,9 @@ use crate::network::{
 /// Fewest known points that orient an image: three give up to four poses, the fourth decides.
 const POINTS_TO_CONNECT: usize = 4;
 
+/// Convergence of an update, in standard deviations of the observations: the next update moves everything further.
+const UPDATE_CONVERGENCE: f64 = 1e-2;
+
 /// The image that comes next: the one that shows most known points, of those not tried with as many before.
 ///
 /// Cost: labelled dots of all images that are not connected yet.
@@ -66,12 +69,14 @@ pub(super) fn run(network: &mut Network, id: ImageId, monitor: &Monitor) -> Resu
 /// A bundle update of all that is connected: the lens held near its nominal values, gross errors left out for this time.
 pub(super) fn update(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> {
     restore_rejected(network);
-    let bundle = Bundle::assemble(network, LensFreedom::Provisional, DatumPoints::All);
+    let images = network.oriented_images().count();
+    let bundle = Bundle::assemble(network, LensFreedom::Provisional { images }, DatumPoints::All);
     if bundle.is_empty() {
         return Ok(());
     }
     let settings = RejectionSettings { critical: network.settings.critical_w, ..RejectionSettings::default() };
-    let robust = adjust_with_rejection(&bundle.problem, BundleSettings::default(), &settings, monitor)
+    let bundle_settings = BundleSettings { convergence: UPDATE_CONVERGENCE, ..BundleSettings::default() };
+    let robust = adjust_with_rejection(&bundle.problem, bundle_settings, &settings, monitor)
         .map_err(adjust::halt)?;
     bundle.write_back(network, &robust.adjustment);
     apply_scale(network);

@@ -66,7 +66,11 @@ fn recognise(network: &Network, id: ImageId, image: &ImageEntry) -> Option<Devic
         .map(|(dot, _)| dot.slot())
         .collect();
     let c = camera.interior.principal_distance;
-    let settings = DeviceSettings { pixel_pitch_mm: camera.pixel_pitch_mm, ..DeviceSettings::default() };
+    let settings = DeviceSettings {
+        pixel_pitch_mm: camera.pixel_pitch_mm,
+        dot_diameter_mm: Some(network.settings.targets.plain_dot_mm),
+        ..DeviceSettings::default()
+    };
     let found = recognise_device(&device, &dots, &ignored, c, &settings).ok()?;
     let named: BTreeMap<u16, DotIndex> = found
         .dots

@@ -6,11 +6,22 @@ use crate::network::{CameraEntry, InteriorSource};
 /// How far the lens is let go.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum LensFreedom {
-    /// Every parameter is held near its nominal value by what any real lens keeps to: few images cannot bend it.
-    Provisional,
+    /// Every parameter is held near its nominal value by what any real lens keeps to, and those that so few images
+    /// cannot tell from their orientations keep it: K1 alone up to three images, no K3, P, B up to five.
+    Provisional {
+        /// Oriented images.
+        images: usize,
+    },
     /// Self-calibration: every parameter is free but those known beforehand.
     Free,
 }
+
+/// Images from which c, x0, y0 and K2 are let go provisionally: with rolls and convergence they are no longer one with
+/// the orientations.
+const IMAGES_FOR_POINT_AND_DISTANCE: usize = 4;
+
+/// Images from which all ten are.
+const IMAGES_FOR_ALL: usize = 6;
 
 /// Standard deviation of a principal distance taken from a camera file or EXIF, as a share of it: focusing changes it
 /// by some per cent.
@@ -35,11 +46,21 @@ pub(super) fn parameter_states(entry: &CameraEntry, freedom: LensFreedom) -> [Pa
         match (entry.known_sigmas[parameter], freedom) {
             (Some(sigma), _) => ParameterState::Weighted { value, sigma },
             (None, LensFreedom::Free) => ParameterState::Free,
-            (None, LensFreedom::Provisional) => {
+            (None, LensFreedom::Provisional { images }) if images >= images_for(parameter) => {
                 ParameterState::Weighted { value, sigma: usual[parameter] }
             }
+            (None, LensFreedom::Provisional { .. }) => ParameterState::Fixed,
         }
     })
+}
+
+/// Images from which a parameter (in the order of `INTERIOR_NAMES`) is let go provisionally.
+fn images_for(parameter: usize) -> usize {
+    match parameter {
+        3 => 2,
+        0..=2 | 4 => IMAGES_FOR_POINT_AND_DISTANCE,
+        _ => IMAGES_FOR_ALL,
+    }
 }
 
 /// By how much the parameters of real lenses differ from nominal ones.
