@@ -182,8 +182,19 @@ fn main() -> ExitCode {
 fn run(command: Command, monitor: &Monitor) -> Result<(), CommandError> {
     match command {
         Command::Demo(demo) => {
-            let cross = if demo.no_cross { commands::DemoCross::Absent } else { commands::DemoCross::Present };
-            commands::demo(&commands::DemoRequest { folder: demo.folder, seed: demo.seed, cross }, monitor)
+            let cross = if demo.no_cross {
+                commands::DemoCross::Absent
+            } else {
+                commands::DemoCross::Present
+            };
+            commands::demo(
+                &commands::DemoRequest {
+                    folder: demo.folder,
+                    seed: demo.seed,
+                    cross,
+                },
+                monitor,
+            )
         }
         Command::New(new) => commands::new(&commands::NewRequest {
             project: new.project,
@@ -199,10 +210,19 @@ fn run(command: Command, monitor: &Monitor) -> Result<(), CommandError> {
         Command::Exclude(images) => commands::exclude(&images.project, &images.images),
         Command::Run(run) => {
             let until = run.until.unwrap_or(Stage::Adjust);
-            commands::run(&run.project, until, commands::Form::of_json(run.json), monitor)
+            commands::run(
+                &run.project,
+                until,
+                commands::Form::of_json(run.json),
+                monitor,
+            )
         }
         Command::Detect(detect) => commands::detect(
-            &commands::DetectRequest { images: detect.images, camera: detect.camera, families: detect.codes },
+            &commands::DetectRequest {
+                images: detect.images,
+                camera: detect.camera,
+                families: detect.codes,
+            },
             commands::Form::of_json(detect.json),
             monitor,
         ),
@@ -216,7 +236,11 @@ fn run(command: Command, monitor: &Monitor) -> Result<(), CommandError> {
         Command::Compare(compare) => commands::compare(
             &compare.project,
             &compare.reference,
-            if compare.with_scale { tiepoint::geometry::Scale::Free } else { tiepoint::geometry::Scale::One },
+            if compare.with_scale {
+                tiepoint::geometry::Scale::Free
+            } else {
+                tiepoint::geometry::Scale::One
+            },
             commands::Form::of_json(compare.json),
         ),
         Command::Codes(codes) => commands::codes(&codes.table, codes.family),

@@ -72,11 +72,16 @@ impl DemoFiles {
 /// # Errors
 /// [`CommandError`] where the folder cannot be written, the measurement fails, or it is interrupted.
 pub fn demo(request: &DemoRequest, monitor: &Monitor) -> Result<(), CommandError> {
-    let files = DemoFiles { folder: request.folder.clone() };
+    let files = DemoFiles {
+        folder: request.folder.clone(),
+    };
     let begun = Instant::now();
     let demo = match complete_truth(&files, request)? {
         Some(demo) => {
-            say(&format!("{}: pictures are there already, reused", request.folder.display()));
+            say(&format!(
+                "{}: pictures are there already, reused",
+                request.folder.display()
+            ));
             demo
         }
         None => render_demo(&files, request, monitor)?,
@@ -119,13 +124,24 @@ pub fn demo(request: &DemoRequest, monitor: &Monitor) -> Result<(), CommandError
 }
 
 /// The truth of a complete demo in the folder; `None` where there is none.
-fn complete_truth(files: &DemoFiles, request: &DemoRequest) -> Result<Option<DemoTruth>, CommandError> {
+fn complete_truth(
+    files: &DemoFiles,
+    request: &DemoRequest,
+) -> Result<Option<DemoTruth>, CommandError> {
     let path = files.at("truth.json");
-    let Ok(text) = fs::read_to_string(&path) else { return Ok(None) };
+    let Ok(text) = fs::read_to_string(&path) else {
+        return Ok(None);
+    };
     let demo: DemoTruth = serde_json::from_str(&text).map_err(|e| {
-        CommandError::input(format!("{}: found no truth of a demo ({e}), expected one, or no file", path.display()))
+        CommandError::input(format!(
+            "{}: found no truth of a demo ({e}), expected one, or no file",
+            path.display()
+        ))
     })?;
-    if demo.seed != request.seed || demo.cross != request.cross || demo.render != RenderSettings::default() {
+    if demo.seed != request.seed
+        || demo.cross != request.cross
+        || demo.render != RenderSettings::default()
+    {
         return Err(CommandError::input(format!(
             "{}: found the demo of seed {} in this folder, expected that of seed {}: name another folder",
             path.display(),
@@ -133,23 +149,32 @@ fn complete_truth(files: &DemoFiles, request: &DemoRequest) -> Result<Option<Dem
             request.seed
         )));
     }
-    let complete = demo.truth.images.keys().all(|image| files.at("images").join(image).is_file());
+    let complete = demo
+        .truth
+        .images
+        .keys()
+        .all(|image| files.at("images").join(image).is_file());
     Ok(complete.then_some(demo))
 }
 
 /// Renders all pictures and writes what a user would have: pictures, camera, cross, bars; and the truth.
 ///
 /// Cost: pixels of all pictures (noise), a little for the dots.
-fn render_demo(files: &DemoFiles, request: &DemoRequest, monitor: &Monitor) -> Result<DemoTruth, CommandError> {
+fn render_demo(
+    files: &DemoFiles,
+    request: &DemoRequest,
+    monitor: &Monitor,
+) -> Result<DemoTruth, CommandError> {
     let settings = BoxSettings {
         seed: request.seed,
         cross: (request.cross == DemoCross::Present).then(CrossPlan::default),
         ..BoxSettings::default()
     };
-    let experiment =
-        box_experiment(&settings).map_err(|e| CommandError::input(format!("seed {}: {e}", request.seed)))?;
+    let experiment = box_experiment(&settings)
+        .map_err(|e| CommandError::input(format!("seed {}: {e}", request.seed)))?;
     let images = files.at("images");
-    fs::create_dir_all(&images).map_err(|e| CommandError::input(format!("{}: {e}", images.display())))?;
+    fs::create_dir_all(&images)
+        .map_err(|e| CommandError::input(format!("{}: {e}", images.display())))?;
     let render_settings = RenderSettings::default();
     let task = monitor.task("rendering pictures", experiment.stations.len() as u64);
     experiment
@@ -157,11 +182,17 @@ fn render_demo(files: &DemoFiles, request: &DemoRequest, monitor: &Monitor) -> R
         .par_iter()
         .enumerate()
         .map(|(index, station)| {
-            task.step().map_err(|Interrupted| CommandError::interrupted())?;
+            task.step()
+                .map_err(|Interrupted| CommandError::interrupted())?;
             // Every picture its own noise, the same in every run.
             let noise_seed = request.seed.wrapping_mul(1000).wrapping_add(index as u64);
-            let picture =
-                render(&experiment.scene, &experiment.camera, &station.pose, &render_settings, noise_seed);
+            let picture = render(
+                &experiment.scene,
+                &experiment.camera,
+                &station.pose,
+                &render_settings,
+                noise_seed,
+            );
             let png = encode(&picture.image, picture.width_px, picture.height_px)
                 .map_err(|e| CommandError::work(format!("{}: {e}", station.image)))?;
             Ok(write_file(&images.join(&station.image), &png)?)
@@ -176,7 +207,8 @@ fn render_demo(files: &DemoFiles, request: &DemoRequest, monitor: &Monitor) -> R
         render: render_settings,
         truth: experiment.truth(),
     };
-    let json = serde_json::to_string(&demo).map_err(|e| CommandError::work(format!("truth as JSON: {e}")))?;
+    let json = serde_json::to_string(&demo)
+        .map_err(|e| CommandError::work(format!("truth as JSON: {e}")))?;
     write_file(&files.at("truth.json"), json.as_bytes())?;
     Ok(demo)
 }
@@ -211,7 +243,10 @@ fn write_inputs(files: &DemoFiles, experiment: &Experiment) -> Result<(), Comman
     let cross: Vec<DevicePoint> = experiment
         .cross_points()
         .iter()
-        .map(|p| DevicePoint { label: p.label.clone(), position_mm: p.point })
+        .map(|p| DevicePoint {
+            label: p.label.clone(),
+            position_mm: p.point,
+        })
         .collect();
     if !cross.is_empty() {
         write_file(&files.at("cross.csv"), cross_csv(&cross).as_bytes())?;
@@ -229,17 +264,35 @@ fn write_inputs(files: &DemoFiles, experiment: &Experiment) -> Result<(), Comman
         })
         .collect();
     write_file(&files.at("bars.csv"), bars_csv(&bars).as_bytes())?;
-    let reference: Vec<ReferencePoint> = experiment.truth().points.into_iter().map(reference_point).collect();
-    write_file(&files.at("reference.csv"), reference_csv(&reference).as_bytes())?;
+    let reference: Vec<ReferencePoint> = experiment
+        .truth()
+        .points
+        .into_iter()
+        .map(reference_point)
+        .collect();
+    write_file(
+        &files.at("reference.csv"),
+        reference_csv(&reference).as_bytes(),
+    )?;
     Ok(())
 }
 
-fn result_table(network: &Network, check: &TruthCheck, runs: &[StageRun], rendered: f64, measured: f64) -> String {
+fn result_table(
+    network: &Network,
+    check: &TruthCheck,
+    runs: &[StageRun],
+    rendered: f64,
+    measured: f64,
+) -> String {
     let share = |part: usize, all: usize| 100.0 * part as f64 / all.max(1) as f64;
     let adjustment = network.adjustment.as_deref();
     let first = network.passes.first();
     let rows: Vec<(&str, String, &str)> = vec![
-        ("images oriented", format!("{} of {}", check.images_oriented, check.images), "34 of 34"),
+        (
+            "images oriented",
+            format!("{} of {}", check.images_oriented, check.images),
+            "34 of 34",
+        ),
         (
             "dots labelled, of those seen in 3 or more images",
             format!(
@@ -260,22 +313,48 @@ fn result_table(network: &Network, check: &TruthCheck, runs: &[StageRun], render
             ),
             "-",
         ),
-        ("plain targets as points", format!("{} of {}", check.targets_as_points, check.targets), "144 of 144"),
-        ("targets with two labels", check.split_targets.len().to_string(), "-"),
-        ("wrong labels", check.wrong_labels.len().to_string(), "0 after hand work"),
+        (
+            "plain targets as points",
+            format!("{} of {}", check.targets_as_points, check.targets),
+            "144 of 144",
+        ),
+        (
+            "targets with two labels",
+            check.split_targets.len().to_string(),
+            "-",
+        ),
+        (
+            "wrong labels",
+            check.wrong_labels.len().to_string(),
+            "0 after hand work",
+        ),
         (
             "codes read, wrong",
             format!("{}, {}", check.codes, check.wrong_codes.len()),
             "352, 0",
         ),
-        ("rms of coordinates against truth", format!("{:.4} mm", check.rms_mm), "0.04 mm"),
-        ("largest difference", format!("{:.4} mm", check.largest_mm), "-"),
         (
-            "sigma0",
-            adjustment.map_or("-".into(), |a| format!("{:.3} ({:.4} px)", a.sigma0, a.sigma0_px)),
+            "rms of coordinates against truth",
+            format!("{:.4} mm", check.rms_mm),
+            "0.04 mm",
+        ),
+        (
+            "largest difference",
+            format!("{:.4} mm", check.largest_mm),
             "-",
         ),
-        ("errors over printed sigmas", format!("{:.2}", check.error_over_sigma), "-"),
+        (
+            "sigma0",
+            adjustment.map_or("-".into(), |a| {
+                format!("{:.3} ({:.4} px)", a.sigma0, a.sigma0_px)
+            }),
+            "-",
+        ),
+        (
+            "errors over printed sigmas",
+            format!("{:.2}", check.error_over_sigma),
+            "-",
+        ),
         (
             "sigma of stations, codes alone",
             first.map_or("-".into(), |p| format!("{:.3} mm", p.sigma_station_mm)),
@@ -286,7 +365,11 @@ fn result_table(network: &Network, check: &TruthCheck, runs: &[StageRun], render
             adjustment.map_or("-".into(), |a| format!("{:.3} mm", a.sigma_station_mm)),
             "0.1 mm",
         ),
-        ("time to measure", format!("{measured:.1} s (rendering {rendered:.1} s)"), "4 min (60 min by hand)"),
+        (
+            "time to measure",
+            format!("{measured:.1} s (rendering {rendered:.1} s)"),
+            "4 min (60 min by hand)",
+        ),
     ];
     let mut text = String::new();
     // Writing to a String cannot fail.
@@ -294,10 +377,19 @@ fn result_table(network: &Network, check: &TruthCheck, runs: &[StageRun], render
     for (name, ours, paper) in rows {
         let _ = writeln!(text, "{name:<50}{ours:<32}{paper}");
     }
-    for wrong in check.wrong_labels.iter().chain(&check.wrong_codes).chain(&check.split_targets).take(20) {
+    for wrong in check
+        .wrong_labels
+        .iter()
+        .chain(&check.wrong_codes)
+        .chain(&check.split_targets)
+        .take(20)
+    {
         let _ = writeln!(text, "! {wrong}");
     }
-    let stages: Vec<String> = runs.iter().map(|r| format!("{} {:.1} s", r.stage, r.seconds)).collect();
+    let stages: Vec<String> = runs
+        .iter()
+        .map(|r| format!("{} {:.1} s", r.stage, r.seconds))
+        .collect();
     let _ = writeln!(text, "stages: {}", stages.join(", "));
     text
 }

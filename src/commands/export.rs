@@ -10,8 +10,8 @@ use crate::network::Network;
 use crate::project::files::read_reference;
 use crate::project::storage::Store;
 use crate::report::{
-    CompareSettings, NoFigures, compare as compare_points, export_cameras, export_observations, export_points,
-    export_stations, write_file,
+    CompareSettings, NoFigures, compare as compare_points, export_cameras, export_observations,
+    export_points, export_stations, write_file,
 };
 
 /// Which tables to write where.
@@ -44,7 +44,10 @@ pub fn export(request: &ExportRequest) -> Result<(), CommandError> {
         write_file(path, export_points(&network).map_err(work)?.as_bytes())?;
     }
     if let Some(path) = &request.observations {
-        write_file(path, export_observations(&network).map_err(work)?.as_bytes())?;
+        write_file(
+            path,
+            export_observations(&network).map_err(work)?.as_bytes(),
+        )?;
     }
     if let Some(path) = &request.stations {
         write_file(path, export_stations(&network).map_err(work)?.as_bytes())?;
@@ -52,7 +55,12 @@ pub fn export(request: &ExportRequest) -> Result<(), CommandError> {
     if let Some(path) = &request.cameras {
         write_file(path, export_cameras(&network).map_err(work)?.as_bytes())?;
     }
-    let asked = [&request.points, &request.observations, &request.stations, &request.cameras];
+    let asked = [
+        &request.points,
+        &request.observations,
+        &request.stations,
+        &request.cameras,
+    ];
     if asked.iter().all(|path| path.is_none()) {
         return Err(CommandError::input(
             "export: found no table to write, expected --points, --observations, --stations or --cameras",
@@ -65,10 +73,18 @@ pub fn export(request: &ExportRequest) -> Result<(), CommandError> {
 ///
 /// # Errors
 /// [`CommandError`] where a file is bad or fewer than three points are common.
-pub fn compare(project: &Path, reference: &Path, scale: Scale, form: Form) -> Result<(), CommandError> {
+pub fn compare(
+    project: &Path,
+    reference: &Path,
+    scale: Scale,
+    form: Form,
+) -> Result<(), CommandError> {
     let reference = read_reference(reference)?;
     let network = read_project(project)?;
-    let settings = CompareSettings { scale, ..CompareSettings::default() };
+    let settings = CompareSettings {
+        scale,
+        ..CompareSettings::default()
+    };
     let comparison = compare_points(&network, &reference, &settings)
         .map_err(|e| CommandError::work(format!("{}: {e}", project.display())))?;
     match form {

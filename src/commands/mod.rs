@@ -66,13 +66,19 @@ impl CommandError {
     /// The work could not be done.
     #[must_use]
     pub fn work(line: impl Into<String>) -> Self {
-        Self { failure: Failure::Work, line: line.into() }
+        Self {
+            failure: Failure::Work,
+            line: line.into(),
+        }
     }
 
     /// Arguments or input files are bad.
     #[must_use]
     pub fn input(line: impl Into<String>) -> Self {
-        Self { failure: Failure::Input, line: line.into() }
+        Self {
+            failure: Failure::Input,
+            line: line.into(),
+        }
     }
 
     /// The operator stopped it.
@@ -80,7 +86,8 @@ impl CommandError {
     pub fn interrupted() -> Self {
         Self {
             failure: Failure::Interrupted,
-            line: "interrupted; all finished steps are kept, the same command goes on from there".into(),
+            line: "interrupted; all finished steps are kept, the same command goes on from there"
+                .into(),
         }
     }
 }

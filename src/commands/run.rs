@@ -14,7 +14,12 @@ use crate::report::{RunSummary, StageRun, connectivity_table};
 ///
 /// # Errors
 /// [`CommandError`]: the project cannot be opened, a stage cannot be done, or it was interrupted.
-pub fn run(project: &Path, until: Stage, form: Form, monitor: &Monitor) -> Result<(), CommandError> {
+pub fn run(
+    project: &Path,
+    until: Stage,
+    form: Form,
+    monitor: &Monitor,
+) -> Result<(), CommandError> {
     let mut session = Session::open(project)?;
     let runs = measure(&mut session, until, monitor)?;
     let network = session.network();
@@ -37,14 +42,24 @@ pub fn run(project: &Path, until: Stage, form: Form, monitor: &Monitor) -> Resul
         return Err(CommandError::interrupted());
     }
     match last {
-        Some(StageRun { stage, outcome: Outcome::Failed, .. }) => {
+        Some(StageRun {
+            stage,
+            outcome: Outcome::Failed,
+            ..
+        }) => {
             let reason = network
                 .findings
                 .iter()
                 .rev()
                 .find(|f| f.stage == *stage && f.kind == FindingKind::StageFailed)
-                .map_or_else(|| stage.missing(network).unwrap_or_default(), |f| f.text.clone());
-            Err(CommandError::work(format!("{}: {stage}: {reason}", project.display())))
+                .map_or_else(
+                    || stage.missing(network).unwrap_or_default(),
+                    |f| f.text.clone(),
+                );
+            Err(CommandError::work(format!(
+                "{}: {stage}: {reason}",
+                project.display()
+            )))
         }
         _ => Ok(()),
     }
@@ -54,7 +69,11 @@ pub fn run(project: &Path, until: Stage, form: Form, monitor: &Monitor) -> Resul
 ///
 /// # Errors
 /// [`CommandError`] where the project cannot be saved.
-pub fn measure(session: &mut Session, until: Stage, monitor: &Monitor) -> Result<Vec<StageRun>, CommandError> {
+pub fn measure(
+    session: &mut Session,
+    until: Stage,
+    monitor: &Monitor,
+) -> Result<Vec<StageRun>, CommandError> {
     let mut runs = Vec::new();
     for stage in Stage::ALL.into_iter().filter(|stage| *stage <= until) {
         let begun = Instant::now();
@@ -76,7 +95,11 @@ pub fn measure(session: &mut Session, until: Stage, monitor: &Monitor) -> Result
         let outcome = outcome.or(concluded).unwrap_or(Outcome::Failed);
         let seconds = begun.elapsed().as_secs_f64();
         say(&format!("{stage}: {outcome} ({seconds:.1} s)"));
-        runs.push(StageRun { stage, seconds, outcome });
+        runs.push(StageRun {
+            stage,
+            seconds,
+            outcome,
+        });
         if matches!(outcome, Outcome::Failed | Outcome::Interrupted) {
             break;
         }

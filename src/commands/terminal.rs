@@ -24,7 +24,9 @@ pub fn monitor_on_terminal() -> Monitor {
     } else {
         let last = Mutex::new(String::new());
         Monitor::watched(move |progress| {
-            let mut last = last.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            let mut last = last
+                .lock()
+                .unwrap_or_else(std::sync::PoisonError::into_inner);
             if *last != progress.title {
                 last.clone_from(&progress.title);
                 say(&progress.title);
@@ -59,7 +61,11 @@ pub(super) fn say(line: &str) {
 pub(super) fn show(text: &str) -> Result<(), CommandError> {
     let mut out = std::io::stdout().lock();
     let written = out.write_all(text.as_bytes()).and_then(|()| {
-        if text.ends_with('\n') { Ok(()) } else { out.write_all(b"\n") }
+        if text.ends_with('\n') {
+            Ok(())
+        } else {
+            out.write_all(b"\n")
+        }
     });
     match written.and_then(|()| out.flush()) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {

@@ -108,7 +108,8 @@ pub fn read_meta(file: &Path) -> Result<PictureMeta, LoadError> {
 /// [`LoadError`] where the file cannot be read or is no picture.
 pub fn read_size(file: &Path) -> Result<(u32, u32), LoadError> {
     let bytes = read_file(file)?;
-    let format = image::guess_format(&bytes).map_err(|_| refused(file, "a file that is no picture", KNOWN_FORMATS))?;
+    let format = image::guess_format(&bytes)
+        .map_err(|_| refused(file, "a file that is no picture", KNOWN_FORMATS))?;
     ImageReader::with_format(Cursor::new(bytes.as_slice()), format)
         .into_dimensions()
         .map_err(|error| explained(file, format, &error, &LoadSettings::default()))

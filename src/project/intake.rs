@@ -17,8 +17,9 @@ use crate::network::{
 };
 
 /// Extensions that make a file of a folder an image.
-const IMAGE_EXTENSIONS: [&str; 9] =
-    ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "pgm", "ppm", "pnm"];
+const IMAGE_EXTENSIONS: [&str; 9] = [
+    "png", "jpg", "jpeg", "tif", "tiff", "bmp", "pgm", "ppm", "pnm",
+];
 
 /// Principal distance over image width where nothing is known, as of a moderate wide-angle lens; the start of a search.
 const UNKNOWN_DISTANCE_PER_WIDTH: f64 = 1.0;
@@ -76,7 +77,9 @@ pub enum IntakeError {
         cameras: String,
     },
     /// Two cameras fit the picture.
-    #[error("{path}: found {found} cameras of its size, expected one, or names equal to the EXIF model")]
+    #[error(
+        "{path}: found {found} cameras of its size, expected one, or names equal to the EXIF model"
+    )]
     AmbiguousCamera {
         /// The file.
         path: String,
@@ -107,7 +110,9 @@ struct Candidate {
 /// Adds the cameras of camera files to a network.
 pub fn add_cameras(network: &mut Network, files: &[CameraFile]) {
     for file in files {
-        let pitch = file.pixel_pitch_mm.unwrap_or(UNKNOWN_WIDTH_MM / f64::from(file.width_px));
+        let pitch = file
+            .pixel_pitch_mm
+            .unwrap_or(UNKNOWN_WIDTH_MM / f64::from(file.width_px));
         let nominal = Camera {
             width_px: file.width_px,
             height_px: file.height_px,
@@ -127,7 +132,11 @@ pub fn add_cameras(network: &mut Network, files: &[CameraFile]) {
                 camera: nominal.clone(),
                 nominal,
                 known_sigmas: file.known_sigmas,
-                source: if known { InteriorSource::CameraFile } else { InteriorSource::Unknown },
+                source: if known {
+                    InteriorSource::CameraFile
+                } else {
+                    InteriorSource::Unknown
+                },
                 exif_model: None,
             },
         );
@@ -145,7 +154,11 @@ fn add_camera(network: &mut Network, entry: CameraEntry) -> CameraId {
 ///
 /// # Errors
 /// [`IntakeError`]; the network is unchanged then.
-pub fn add_images(network: &mut Network, folder: &Path, paths: &[PathBuf]) -> Result<usize, IntakeError> {
+pub fn add_images(
+    network: &mut Network,
+    folder: &Path,
+    paths: &[PathBuf],
+) -> Result<usize, IntakeError> {
     let files = expand(paths)?;
     let candidates = files
         .par_iter()
@@ -153,11 +166,17 @@ pub fn add_images(network: &mut Network, folder: &Path, paths: &[PathBuf]) -> Re
         .collect::<Vec<_>>()
         .into_iter()
         .collect::<Result<Vec<_>, _>>()?;
-    let mut seen: BTreeMap<String, String> =
-        network.images.values().map(|i| (i.file.sha256.clone(), i.file.path.clone())).collect();
+    let mut seen: BTreeMap<String, String> = network
+        .images
+        .values()
+        .map(|i| (i.file.sha256.clone(), i.file.path.clone()))
+        .collect();
     for candidate in &candidates {
         if let Some(other) = seen.insert(candidate.sha256.clone(), candidate.stored.clone()) {
-            return Err(IntakeError::Twice { path: candidate.path.display().to_string(), other });
+            return Err(IntakeError::Twice {
+                path: candidate.path.display().to_string(),
+                other,
+            });
         }
     }
     let mut changed = network.clone();
@@ -188,7 +207,11 @@ pub fn add_images(network: &mut Network, folder: &Path, paths: &[PathBuf]) -> Re
 ///
 /// # Errors
 /// [`IntakeError::NotInProject`]; the network is unchanged then.
-pub fn exclude_images(network: &mut Network, folder: &Path, paths: &[PathBuf]) -> Result<usize, IntakeError> {
+pub fn exclude_images(
+    network: &mut Network,
+    folder: &Path,
+    paths: &[PathBuf],
+) -> Result<usize, IntakeError> {
     let mut changed = network.clone();
     for path in paths {
         let stored = stored_path(path, folder);
@@ -213,7 +236,11 @@ pub fn exclude_images(network: &mut Network, folder: &Path, paths: &[PathBuf]) -
 #[must_use]
 pub fn picture_path(folder: &Path, stored: &str) -> PathBuf {
     let path = PathBuf::from(stored);
-    if path.is_absolute() { path } else { folder.join(path) }
+    if path.is_absolute() {
+        path
+    } else {
+        folder.join(path)
+    }
 }
 
 /// Files and the images in folders, in the order given, folders sorted by name.
@@ -223,18 +250,28 @@ fn expand(paths: &[PathBuf]) -> Result<Vec<PathBuf>, IntakeError> {
         if path.is_dir() {
             let entries = fs::read_dir(path)
                 .and_then(Iterator::collect::<io::Result<Vec<_>>>)
-                .map_err(|source| IntakeError::Unreadable { path: path.display().to_string(), source })?;
-            let mut images: Vec<PathBuf> =
-                entries.into_iter().map(|e| e.path()).filter(|p| p.is_file() && has_image_extension(p)).collect();
+                .map_err(|source| IntakeError::Unreadable {
+                    path: path.display().to_string(),
+                    source,
+                })?;
+            let mut images: Vec<PathBuf> = entries
+                .into_iter()
+                .map(|e| e.path())
+                .filter(|p| p.is_file() && has_image_extension(p))
+                .collect();
             if images.is_empty() {
-                return Err(IntakeError::NoImages { path: path.display().to_string() });
+                return Err(IntakeError::NoImages {
+                    path: path.display().to_string(),
+                });
             }
             images.sort();
             files.append(&mut images);
         } else if path.is_file() {
             files.push(path.clone());
         } else {
-            return Err(IntakeError::Missing { path: path.display().to_string() });
+            return Err(IntakeError::Missing {
+                path: path.display().to_string(),
+            });
         }
     }
     Ok(files)
@@ -246,7 +283,10 @@ fn has_image_extension(path: &Path) -> bool {
 }
 
 fn examine(path: &Path, folder: &Path) -> Result<Candidate, IntakeError> {
-    let unreadable = |source| IntakeError::Unreadable { path: path.display().to_string(), source };
+    let unreadable = |source| IntakeError::Unreadable {
+        path: path.display().to_string(),
+        source,
+    };
     let (width_px, height_px) = read_size(path)?;
     let meta = read_meta(path)?;
     let (size_bytes, sha256) = hash(path).map_err(unreadable)?;
@@ -275,21 +315,35 @@ fn hash(path: &Path) -> io::Result<(u64, String)> {
         hasher.update(&buffer[..read]);
     }
     let digest = hasher.finalize();
-    Ok((size, digest.iter().map(|byte| format!("{byte:02x}")).collect()))
+    Ok((
+        size,
+        digest.iter().map(|byte| format!("{byte:02x}")).collect(),
+    ))
 }
 
 /// The path relative to the project's folder where the file lies in or beside it, else the absolute one; with slashes.
 fn stored_path(path: &Path, folder: &Path) -> String {
     let absolute = |p: &Path| fs::canonicalize(p).unwrap_or_else(|_| p.to_owned());
     let (path, folder) = (absolute(path), absolute(folder));
-    let common = path.components().zip(folder.components()).take_while(|(a, b)| a == b).count();
+    let common = path
+        .components()
+        .zip(folder.components())
+        .take_while(|(a, b)| a == b)
+        .count();
     // With nothing but the root in common, a relative path would be longer and no easier to move.
-    let named = path.components().take(common).filter(|c| matches!(c, Component::Normal(_))).count();
+    let named = path
+        .components()
+        .take(common)
+        .filter(|c| matches!(c, Component::Normal(_)))
+        .count();
     if named == 0 {
         return path.to_string_lossy().replace('\\', "/");
     }
     let up = folder.components().skip(common).map(|_| "..".to_owned());
-    let down = path.components().skip(common).map(|c| c.as_os_str().to_string_lossy().into_owned());
+    let down = path
+        .components()
+        .skip(common)
+        .map(|c| c.as_os_str().to_string_lossy().into_owned());
     up.chain(down).collect::<Vec<_>>().join("/")
 }
 
@@ -299,7 +353,9 @@ fn matching_camera(network: &Network, candidate: &Candidate) -> Result<CameraId,
     let of_size: Vec<(CameraId, &CameraEntry)> = network
         .cameras
         .iter()
-        .filter(|(_, c)| (c.camera.width_px, c.camera.height_px) == (candidate.width_px, candidate.height_px))
+        .filter(|(_, c)| {
+            (c.camera.width_px, c.camera.height_px) == (candidate.width_px, candidate.height_px)
+        })
         .map(|(id, c)| (*id, c.as_ref()))
         .collect();
     match of_size.as_slice() {
@@ -311,7 +367,12 @@ fn matching_camera(network: &Network, candidate: &Candidate) -> Result<CameraId,
             cameras: network
                 .cameras
                 .values()
-                .map(|c| format!("{} x {} px of camera '{}'", c.camera.width_px, c.camera.height_px, c.name))
+                .map(|c| {
+                    format!(
+                        "{} x {} px of camera '{}'",
+                        c.camera.width_px, c.camera.height_px, c.name
+                    )
+                })
                 .collect::<Vec<_>>()
                 .join(" or "),
         }),
@@ -321,7 +382,10 @@ fn matching_camera(network: &Network, candidate: &Candidate) -> Result<CameraId,
                 .iter()
                 .find(|(_, c)| model == Some(c.name.trim()))
                 .map(|(id, _)| *id)
-                .ok_or_else(|| IntakeError::AmbiguousCamera { path: path(), found: several.len() })
+                .ok_or_else(|| IntakeError::AmbiguousCamera {
+                    path: path(),
+                    found: several.len(),
+                })
         }
     }
 }
@@ -329,15 +393,27 @@ fn matching_camera(network: &Network, candidate: &Candidate) -> Result<CameraId,
 /// The camera that the picture's EXIF data describe, new where it is the first of its kind.
 fn camera_of_meta(network: &mut Network, candidate: &Candidate) -> CameraId {
     let nominal = camera_from_meta(&candidate.meta, candidate.width_px, candidate.height_px);
-    let known = candidate.meta.focal_length_mm.is_some() || candidate.meta.focal_length_35mm.is_some();
-    let model = candidate.meta.model.clone().unwrap_or_default().trim().to_owned();
-    let same = network.cameras.iter().find(|(_, c)| {
-        c.exif_model.as_deref() == Some(model.as_str()) && c.nominal == nominal
-    });
+    let known =
+        candidate.meta.focal_length_mm.is_some() || candidate.meta.focal_length_35mm.is_some();
+    let model = candidate
+        .meta
+        .model
+        .clone()
+        .unwrap_or_default()
+        .trim()
+        .to_owned();
+    let same = network
+        .cameras
+        .iter()
+        .find(|(_, c)| c.exif_model.as_deref() == Some(model.as_str()) && c.nominal == nominal);
     if let Some((id, _)) = same {
         return *id;
     }
-    let name = if model.is_empty() { "unknown camera".to_owned() } else { model.clone() };
+    let name = if model.is_empty() {
+        "unknown camera".to_owned()
+    } else {
+        model.clone()
+    };
     add_camera(
         network,
         CameraEntry {
@@ -345,7 +421,11 @@ fn camera_of_meta(network: &mut Network, candidate: &Candidate) -> CameraId {
             camera: nominal.clone(),
             nominal,
             known_sigmas: [None; 10],
-            source: if known { InteriorSource::Exif } else { InteriorSource::Unknown },
+            source: if known {
+                InteriorSource::Exif
+            } else {
+                InteriorSource::Unknown
+            },
             exif_model: Some(model),
         },
     )
@@ -355,9 +435,15 @@ fn camera_of_meta(network: &mut Network, candidate: &Candidate) -> CameraId {
 /// fixes the ratio of principal distance and diagonal.
 fn camera_from_meta(meta: &PictureMeta, width_px: u32, height_px: u32) -> Camera {
     let diagonal_px = f64::from(width_px).hypot(f64::from(height_px));
-    let reduced = meta.taken_width_px.map_or(1.0, |taken| f64::from(taken) / f64::from(width_px.max(1)));
+    let reduced = meta
+        .taken_width_px
+        .map_or(1.0, |taken| f64::from(taken) / f64::from(width_px.max(1)));
     let plausible = |pitch: &f64| (2e-4..0.1).contains(pitch);
-    let (pitch, distance) = match (meta.focal_length_mm, meta.focal_length_35mm, meta.pixel_pitch_mm) {
+    let (pitch, distance) = match (
+        meta.focal_length_mm,
+        meta.focal_length_35mm,
+        meta.pixel_pitch_mm,
+    ) {
         (Some(focal), Some(focal_35), _) if focal > 0.0 && focal_35 > 0.0 => {
             (FILM_DIAGONAL_MM * focal / focal_35 / diagonal_px, focal)
         }
@@ -374,5 +460,10 @@ fn camera_from_meta(meta: &PictureMeta, width_px: u32, height_px: u32) -> Camera
         let pitch = UNKNOWN_WIDTH_MM / f64::from(width_px.max(1));
         (pitch, UNKNOWN_DISTANCE_PER_WIDTH * UNKNOWN_WIDTH_MM)
     };
-    Camera { width_px, height_px, pixel_pitch_mm: pitch, interior: InteriorOrientation::pinhole(distance) }
+    Camera {
+        width_px,
+        height_px,
+        pixel_pitch_mm: pitch,
+        interior: InteriorOrientation::pinhole(distance),
+    }
 }

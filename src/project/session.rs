@@ -23,9 +23,14 @@ struct PictureFiles {
 impl Pictures for PictureFiles {
     fn load(&self, image: &ImageEntry) -> Result<GreyImage, String> {
         let path = picture_path(&self.folder, &image.file.path);
-        let picture = load_picture(&path, &LoadSettings::default()).map_err(|e| e.to_string())?.image;
+        let picture = load_picture(&path, &LoadSettings::default())
+            .map_err(|e| e.to_string())?
+            .image;
         let found = (picture.width() as u64, picture.height() as u64);
-        let expected = (u64::from(image.file.width_px), u64::from(image.file.height_px));
+        let expected = (
+            u64::from(image.file.width_px),
+            u64::from(image.file.height_px),
+        );
         if found != expected {
             return Err(format!(
                 "{}: found {} x {} px, expected {} x {} px as when it was added",
@@ -65,8 +70,14 @@ impl Run {
     /// Does the step; may take long, obeys the monitor's interrupt.
     #[must_use]
     pub fn compute(self, monitor: &Monitor) -> Computed {
-        let result = self.step.run(&self.network, self.pictures.as_ref(), monitor);
-        Computed { step: self.step, title: self.title, result }
+        let result = self
+            .step
+            .run(&self.network, self.pictures.as_ref(), monitor);
+        Computed {
+            step: self.step,
+            title: self.title,
+            result,
+        }
     }
 }
 
@@ -107,14 +118,30 @@ impl Session {
     /// # Errors
     /// [`StorageError`] where it is no project, damaged, made by a newer version, or open elsewhere.
     pub fn open(path: &Path) -> Result<Self, StorageError> {
-        let Opened { network, store, warnings, .. } = Store::open(path)?;
-        Ok(Self { warnings, ..Self::with(path, network, store) })
+        let Opened {
+            network,
+            store,
+            warnings,
+            ..
+        } = Store::open(path)?;
+        Ok(Self {
+            warnings,
+            ..Self::with(path, network, store)
+        })
     }
 
     fn with(path: &Path, network: Arc<Network>, store: Option<Store>) -> Self {
         let history = History::new(Arc::clone(&network), HistorySettings::default());
-        let pictures = Arc::new(PictureFiles { folder: folder_of(path) });
-        Self { network, history, store, warnings: Vec::new(), pictures }
+        let pictures = Arc::new(PictureFiles {
+            folder: folder_of(path),
+        });
+        Self {
+            network,
+            history,
+            store,
+            warnings: Vec::new(),
+            pictures,
+        }
     }
 
     /// Why the document is open for reading only, and what of it could not be read; empty where all is well.
@@ -177,7 +204,11 @@ impl Session {
         let stage = computed.step.stage();
         match computed.result {
             Ok(advance) => {
-                let outcome = if advance.complete { Outcome::Done } else { Outcome::Interrupted };
+                let outcome = if advance.complete {
+                    Outcome::Done
+                } else {
+                    Outcome::Interrupted
+                };
                 self.adopt(&computed.title, advance.network, Some(outcome))?;
                 if !advance.complete {
                     return Ok(Finished::Interrupted);
@@ -203,7 +234,12 @@ impl Session {
         Ok(Finished::Concluded(outcome))
     }
 
-    fn adopt(&mut self, title: &str, network: Network, outcome: Option<Outcome>) -> Result<(), StorageError> {
+    fn adopt(
+        &mut self,
+        title: &str,
+        network: Network,
+        outcome: Option<Outcome>,
+    ) -> Result<(), StorageError> {
         let network = Arc::new(network);
         if let Some(store) = &mut self.store {
             store.save(&network, Some(&journal_line(title, &network, outcome)))?;
@@ -219,8 +255,13 @@ fn journal_line(title: &str, network: &Network, outcome: Option<Outcome>) -> Jou
         utc: utc_text(SystemTime::now()),
         what: title.to_owned(),
         settings: serde_json::to_string(network.settings.as_ref()).unwrap_or_default(),
-        outcome: outcome.map(|outcome| outcome.to_string()).unwrap_or_default(),
-        sigma0: network.adjustment.as_ref().map(|adjustment| adjustment.sigma0),
+        outcome: outcome
+            .map(|outcome| outcome.to_string())
+            .unwrap_or_default(),
+        sigma0: network
+            .adjustment
+            .as_ref()
+            .map(|adjustment| adjustment.sigma0),
     }
 }
 

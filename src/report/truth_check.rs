@@ -67,12 +67,12 @@ pub struct TruthCheck {
 ///
 /// # Errors
 /// [`FitError`] where fewer than three points can be compared.
-pub fn check_against_truth(
-    network: &Network,
-    truth: &Truth,
-) -> Result<TruthCheck, FitError> {
+pub fn check_against_truth(network: &Network, truth: &Truth) -> Result<TruthCheck, FitError> {
     let true_points = &truth.points;
-    let mut check = TruthCheck { images: network.images.len(), ..TruthCheck::default() };
+    let mut check = TruthCheck {
+        images: network.images.len(),
+        ..TruthCheck::default()
+    };
     check.images_oriented = network.oriented_images().count();
 
     let mut shown: Vec<Shown> = Vec::new();
@@ -81,7 +81,11 @@ pub fn check_against_truth(
         let dots = truth.images.get(name).map_or(&[][..], Vec::as_slice);
         let seen = Shown::of(image, dots);
         check.visible_dots += dots.iter().filter(|dot| dot.is_whole()).count();
-        check.false_dots += seen.true_names.iter().filter(|true_name| true_name.is_none()).count();
+        check.false_dots += seen
+            .true_names
+            .iter()
+            .filter(|true_name| true_name.is_none())
+            .count();
         check_codes(&mut check, name, image, &seen);
         shown.push(seen);
     }
@@ -97,10 +101,16 @@ pub fn check_against_truth(
     for (name, points) in &owners {
         if points.len() > 1 {
             let labels: Vec<String> = points.iter().map(|p| network.label(*p)).collect();
-            check.split_targets.push(format!("{name}: {}", labels.join(", ")));
+            check
+                .split_targets
+                .push(format!("{name}: {}", labels.join(", ")));
         }
     }
-    let measured: Vec<PointId> = true_names.keys().copied().filter(|id| is_adjusted(network, *id)).collect();
+    let measured: Vec<PointId> = true_names
+        .keys()
+        .copied()
+        .filter(|id| is_adjusted(network, *id))
+        .collect();
     check.targets_as_points = measured
         .iter()
         .filter(|id| id.kind() == PointKind::Target && plain(&true_names[id]))
@@ -135,8 +145,14 @@ impl<'a> Shown<'a> {
             .collect();
         Self {
             image,
-            true_names: nearest.iter().map(|t| t.map(|t| t.label.as_str())).collect(),
-            whole: nearest.iter().map(|t| t.is_some_and(TruthDot::is_whole)).collect(),
+            true_names: nearest
+                .iter()
+                .map(|t| t.map(|t| t.label.as_str()))
+                .collect(),
+            whole: nearest
+                .iter()
+                .map(|t| t.is_some_and(TruthDot::is_whole))
+                .collect(),
         }
     }
 
@@ -146,7 +162,9 @@ impl<'a> Shown<'a> {
 }
 
 fn check_codes(check: &mut TruthCheck, name: &str, image: &ImageEntry, seen: &Shown<'_>) {
-    let Some(detections) = &image.detections else { return };
+    let Some(detections) = &image.detections else {
+        return;
+    };
     for (place, reading) in detections.codes.iter().enumerate() {
         check.codes += 1;
         if image.set_aside.contains_key(&place) {
@@ -160,7 +178,9 @@ fn check_codes(check: &mut TruthCheck, name: &str, image: &ImageEntry, seen: &Sh
             .zip(&points)
             .all(|(&dot, point)| seen.true_name(dot) == Some(point.to_string().as_str()));
         if !right {
-            check.wrong_codes.push(format!("{name}: {}", reading.family.code_label(reading.id)));
+            check
+                .wrong_codes
+                .push(format!("{name}: {}", reading.family.code_label(reading.id)));
         }
     }
 }
@@ -195,7 +215,10 @@ fn count_labels(
     true_names: &BTreeMap<PointId, String>,
 ) {
     let mut images_of_target: BTreeMap<&str, usize> = BTreeMap::new();
-    for name in shown.iter().flat_map(|seen| seen.true_names.iter().flatten()) {
+    for name in shown
+        .iter()
+        .flat_map(|seen| seen.true_names.iter().flatten())
+    {
         *images_of_target.entry(name).or_default() += 1;
     }
     for seen in shown {
@@ -219,14 +242,20 @@ fn count_labels(
             {
                 let image = &seen.image.file.path;
                 let truth = name.unwrap_or("no target");
-                check.wrong_labels.push(format!("{image}: {} is {truth}", network.label(label.point)));
+                check.wrong_labels.push(format!(
+                    "{image}: {} is {truth}",
+                    network.label(label.point)
+                ));
             }
         }
     }
 }
 
 fn is_adjusted(network: &Network, id: PointId) -> bool {
-    network.points.get(&id).is_some_and(|point| point.covariance.is_some())
+    network
+        .points
+        .get(&id)
+        .is_some_and(|point| point.covariance.is_some())
 }
 
 fn compare_coordinates(
@@ -255,7 +284,9 @@ fn compare_coordinates(
         if let Some(covariance) = network.points[id].covariance {
             let rotation = fit.rotation.matrix();
             let covariance = rotation * covariance * rotation.transpose();
-            standardised += (0..3).map(|i| difference[i].powi(2) / covariance[(i, i)]).sum::<f64>();
+            standardised += (0..3)
+                .map(|i| difference[i].powi(2) / covariance[(i, i)])
+                .sum::<f64>();
         }
     }
     let count = pairs.len() as f64;

@@ -9,11 +9,11 @@ use super::identify::set_code_aside;
 use super::lens::LensFreedom;
 use super::scale::{align_to_control, apply_scale, bars_in_reach};
 use super::{Halt, StageError};
-use crate::adjustment::{AdjustmentError, BundleSettings, RejectionSettings, RobustAdjustment, adjust_with_rejection};
-use crate::monitor::Monitor;
-use crate::network::{
-    About, Finding, FindingKind, ImageId, Network, PointId, Stage, Standing,
+use crate::adjustment::{
+    AdjustmentError, BundleSettings, RejectionSettings, RobustAdjustment, adjust_with_rejection,
 };
+use crate::monitor::Monitor;
+use crate::network::{About, Finding, FindingKind, ImageId, Network, PointId, Stage, Standing};
 use crate::targets::Family;
 
 /// Fewest images on which a lens is calibrated; fewer cannot tell its parameters from their orientations.
@@ -51,7 +51,11 @@ pub(super) fn adjust(network: &mut Network, stage: Stage, monitor: &Monitor) -> 
     };
     let images = network.oriented_images().count();
     let held = LensFreedom::Provisional { images };
-    let freedom = if images >= IMAGES_TO_CALIBRATE { LensFreedom::Free } else { held };
+    let freedom = if images >= IMAGES_TO_CALIBRATE {
+        LensFreedom::Free
+    } else {
+        held
+    };
     let mut bundle = Bundle::assemble(network, freedom, datum);
     let robust = match solve(&bundle, network, monitor) {
         Err(AdjustmentError::RankDefect { .. }) if freedom == LensFreedom::Free => {
@@ -77,15 +81,29 @@ pub(super) fn adjust(network: &mut Network, stage: Stage, monitor: &Monitor) -> 
     Ok(())
 }
 
-fn solve(bundle: &Bundle, network: &Network, monitor: &Monitor) -> Result<RobustAdjustment, AdjustmentError> {
-    let settings = RejectionSettings { critical: network.settings.critical_w, ..RejectionSettings::default() };
-    adjust_with_rejection(&bundle.problem, BundleSettings::default(), &settings, monitor)
+fn solve(
+    bundle: &Bundle,
+    network: &Network,
+    monitor: &Monitor,
+) -> Result<RobustAdjustment, AdjustmentError> {
+    let settings = RejectionSettings {
+        critical: network.settings.critical_w,
+        ..RejectionSettings::default()
+    };
+    adjust_with_rejection(
+        &bundle.problem,
+        BundleSettings::default(),
+        &settings,
+        monitor,
+    )
 }
 
 pub(super) fn halt(error: AdjustmentError) -> Halt {
     match error {
         AdjustmentError::Interrupted(_) => Halt::Interrupted,
-        other => Halt::Failed(StageError::Adjustment { reason: other.to_string() }),
+        other => Halt::Failed(StageError::Adjustment {
+            reason: other.to_string(),
+        }),
     }
 }
 
@@ -117,7 +135,9 @@ fn set_contradicted_codes_aside(network: &mut Network, stage: Stage) {
 
 /// Code readings of one image most of whose dots the adjustment rejected, with the largest |w|.
 pub(super) fn misfitting_codes(network: &Network) -> Vec<(ImageId, Family, u32, f64)> {
-    let Some(adjustment) = &network.adjustment else { return Vec::new() };
+    let Some(adjustment) = &network.adjustment else {
+        return Vec::new();
+    };
     #[derive(Default)]
     struct Tally {
         rejected: usize,
@@ -126,7 +146,9 @@ pub(super) fn misfitting_codes(network: &Network) -> Vec<(ImageId, Family, u32, 
     }
     let mut tallies: BTreeMap<(ImageId, Family, u32), Tally> = BTreeMap::new();
     for row in &adjustment.observations {
-        let PointId::Code { family, code, .. } = row.point else { continue };
+        let PointId::Code { family, code, .. } = row.point else {
+            continue;
+        };
         let tally = tallies.entry((row.image, family, code)).or_default();
         tally.all += 1;
         if row.standing == Standing::Rejected {
@@ -144,11 +166,22 @@ pub(super) fn misfitting_codes(network: &Network) -> Vec<(ImageId, Family, u32, 
 /// What the operator should know after an adjustment: bars without ends, codes that do not fit, a sigma0 that is not one.
 pub(super) fn findings(network: &Network, stage: Stage) -> Vec<Finding> {
     let mut findings = Vec::new();
-    let reached: Vec<&str> = bars_in_reach(network).iter().map(|(bar, _)| bar.name.as_str()).collect();
-    for bar in network.scale_bars.iter().filter(|bar| !reached.contains(&bar.name.as_str())) {
+    let reached: Vec<&str> = bars_in_reach(network)
+        .iter()
+        .map(|(bar, _)| bar.name.as_str())
+        .collect();
+    for bar in network
+        .scale_bars
+        .iter()
+        .filter(|bar| !reached.contains(&bar.name.as_str()))
+    {
         let lost: Vec<&str> = [bar.from.as_str(), bar.to.as_str()]
             .into_iter()
-            .filter(|end| network.point_of_label(end).map_or(true, |id| !network.points.contains_key(&id)))
+            .filter(|end| {
+                network
+                    .point_of_label(end)
+                    .map_or(true, |id| !network.points.contains_key(&id))
+            })
             .collect();
         findings.push(Finding {
             stage,

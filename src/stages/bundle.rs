@@ -60,10 +60,17 @@ impl Bundle {
     /// All used observations of points that two or more oriented images show.
     pub(super) fn assemble(network: &Network, freedom: LensFreedom, datum: DatumPoints) -> Self {
         let points = points_with_rays(network);
-        let point_index: BTreeMap<PointId, usize> =
-            points.iter().enumerate().map(|(index, id)| (*id, index)).collect();
-        let cameras: Vec<CameraId> =
-            network.oriented_images().map(|(_, image, _)| image.camera).collect::<BTreeSet<_>>().into_iter().collect();
+        let point_index: BTreeMap<PointId, usize> = points
+            .iter()
+            .enumerate()
+            .map(|(index, id)| (*id, index))
+            .collect();
+        let cameras: Vec<CameraId> = network
+            .oriented_images()
+            .map(|(_, image, _)| image.camera)
+            .collect::<BTreeSet<_>>()
+            .into_iter()
+            .collect();
         let camera_index = |id: CameraId| cameras.iter().position(|c| *c == id).unwrap_or_default();
 
         let mut images = Vec::new();
@@ -71,9 +78,13 @@ impl Bundle {
         let mut rows = Vec::new();
         let mut observations = Vec::new();
         for (id, image, station) in network.oriented_images() {
-            let Some(detections) = &image.detections else { continue };
+            let Some(detections) = &image.detections else {
+                continue;
+            };
             for (dot, label) in image.used_labels() {
-                let Some(&point) = point_index.get(&label.point) else { continue };
+                let Some(&point) = point_index.get(&label.point) else {
+                    continue;
+                };
                 let measured = &detections.dots[dot.slot()];
                 observations.push(ImageObservation {
                     station: stations.len(),
@@ -83,7 +94,10 @@ impl Bundle {
                 });
                 rows.push((id, dot));
             }
-            stations.push(StationBlock { camera: camera_index(image.camera), pose: station.pose });
+            stations.push(StationBlock {
+                camera: camera_index(image.camera),
+                pose: station.pose,
+            });
             images.push(id);
         }
 
@@ -91,7 +105,9 @@ impl Bundle {
         let mut distances = Vec::new();
         if scale_source(network) == ScaleSource::Bars {
             for (bar, ends) in bars_in_reach(network) {
-                let [Some(&from), Some(&to)] = ends.map(|id| point_index.get(&id)) else { continue };
+                let [Some(&from), Some(&to)] = ends.map(|id| point_index.get(&id)) else {
+                    continue;
+                };
                 if bar.role == BarRole::Control {
                     distances.push(DistanceObservation {
                         from,
@@ -104,8 +120,10 @@ impl Bundle {
             }
         }
 
-        let mut blocks: Vec<PointBlock> =
-            points.iter().map(|id| PointBlock::unknown(network.points[id].position)).collect();
+        let mut blocks: Vec<PointBlock> = points
+            .iter()
+            .map(|id| PointBlock::unknown(network.points[id].position))
+            .collect();
         let known = add_control(network, &point_index, &mut blocks);
         let (datum, in_words) = if known {
             (Datum::Control, "control points".to_owned())
@@ -117,7 +135,10 @@ impl Bundle {
                 .iter()
                 .map(|id| {
                     let entry = &network.cameras[id];
-                    CameraBlock { camera: entry.camera.clone(), parameters: parameter_states(entry, freedom) }
+                    CameraBlock {
+                        camera: entry.camera.clone(),
+                        parameters: parameter_states(entry, freedom),
+                    }
                 })
                 .collect(),
             stations,
@@ -127,7 +148,15 @@ impl Bundle {
             datum,
             rejected: BTreeSet::new(),
         };
-        Self { problem, datum: in_words, images, cameras, points, rows, bars }
+        Self {
+            problem,
+            datum: in_words,
+            images,
+            cameras,
+            points,
+            rows,
+            bars,
+        }
     }
 
     /// Whether an adjustment has anything to do.
@@ -138,8 +167,10 @@ impl Bundle {
     /// Puts estimates and precision into the network.
     pub(super) fn write_back(&self, network: &mut Network, adjustment: &Adjustment) {
         for (id, adjusted) in self.images.iter().zip(&adjustment.stations) {
-            network.image_mut(*id).station =
-                Some(Station { pose: adjusted.pose, covariance: Some(adjusted.covariance) });
+            network.image_mut(*id).station = Some(Station {
+                pose: adjusted.pose,
+                covariance: Some(adjusted.covariance),
+            });
         }
         for (id, adjusted) in self.cameras.iter().zip(&adjustment.cameras) {
             network.camera_mut(*id).camera = adjusted.camera.clone();
@@ -177,7 +208,12 @@ impl Bundle {
     }
 
     /// The adjustment in the network's names.
-    pub(super) fn result(&self, network: &Network, stage: Stage, adjustment: &Adjustment) -> AdjustmentResult {
+    pub(super) fn result(
+        &self,
+        network: &Network,
+        stage: Stage,
+        adjustment: &Adjustment,
+    ) -> AdjustmentResult {
         let observations = self
             .rows
             .iter()
@@ -212,7 +248,10 @@ impl Bundle {
                 .cameras
                 .iter()
                 .zip(&adjustment.cameras)
-                .map(|(&camera, adjusted)| CameraResult { camera, covariance: adjusted.covariance })
+                .map(|(&camera, adjusted)| CameraResult {
+                    camera,
+                    covariance: adjusted.covariance,
+                })
                 .collect(),
             bars: self.bar_results(network, adjustment),
             observations,
@@ -241,7 +280,10 @@ impl Bundle {
 pub(super) fn restore_rejected(network: &mut Network) {
     let ids: Vec<ImageId> = network.oriented_images().map(|(id, ..)| id).collect();
     for id in ids {
-        let touched = network.images[&id].labels.values().any(|l| l.rejected.is_some());
+        let touched = network.images[&id]
+            .labels
+            .values()
+            .any(|l| l.rejected.is_some());
         if touched {
             for label in Arc::make_mut(&mut network.image_mut(id).labels).values_mut() {
                 if label.source == Source::Automatic {
@@ -267,10 +309,16 @@ fn points_with_rays(network: &Network) -> Vec<PointId> {
 }
 
 fn inner_constraints(datum: DatumPoints, points: &[PointId]) -> (Datum, String) {
-    let chosen: Vec<usize> = (0..points.len()).filter(|&index| datum.holds(points[index])).collect();
+    let chosen: Vec<usize> = (0..points.len())
+        .filter(|&index| datum.holds(points[index]))
+        .collect();
     // Three points hold seven motions only just; with fewer the whole network does it.
     let all = chosen.len() < 3;
-    let chosen = if all { (0..points.len()).collect() } else { chosen };
+    let chosen = if all {
+        (0..points.len()).collect()
+    } else {
+        chosen
+    };
     let over = match datum {
         DatumPoints::Codes if !all => "the dots of the codes",
         DatumPoints::Targets if !all => "the plain targets",
@@ -281,7 +329,11 @@ fn inner_constraints(datum: DatumPoints, points: &[PointId]) -> (Datum, String) 
 }
 
 /// Weighted and fixed control; whether it determines the datum (three points with all coordinates).
-fn add_control(network: &Network, index: &BTreeMap<PointId, usize>, blocks: &mut [PointBlock]) -> bool {
+fn add_control(
+    network: &Network,
+    index: &BTreeMap<PointId, usize>,
+    blocks: &mut [PointBlock],
+) -> bool {
     let mut whole = 0;
     for control in network.control.iter() {
         let sigma = |axis: usize| match control.role {
@@ -289,10 +341,18 @@ fn add_control(network: &Network, index: &BTreeMap<PointId, usize>, blocks: &mut
             _ => control.sigmas_mm[axis].unwrap_or(UNSTATED_SIGMA_MM),
         };
         let enters = matches!(control.role, ControlRole::Weighted | ControlRole::Fixed);
-        let place = network.point_of_label(&control.label).ok().and_then(|id| index.get(&id));
-        let (true, Some(&place)) = (enters, place) else { continue };
+        let place = network
+            .point_of_label(&control.label)
+            .ok()
+            .and_then(|id| index.get(&id));
+        let (true, Some(&place)) = (enters, place) else {
+            continue;
+        };
         blocks[place].prior = std::array::from_fn(|axis| {
-            control.coordinates_mm[axis].map(|value| CoordinatePrior { value, sigma: sigma(axis) })
+            control.coordinates_mm[axis].map(|value| CoordinatePrior {
+                value,
+                sigma: sigma(axis),
+            })
         });
         whole += usize::from(control.coordinates_mm.iter().all(Option::is_some));
     }

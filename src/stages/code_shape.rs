@@ -39,12 +39,19 @@ impl CodeShapes {
             .map(|shape| shape.pitch)
             .collect();
         pitches.sort_by(f64::total_cmp);
-        Self { pitch: pitches.get(pitches.len() / 2).copied() }
+        Self {
+            pitch: pitches.get(pitches.len() / 2).copied(),
+        }
     }
 
     /// Whether these places can be the code's dots; with too few of them nothing speaks for it. A ring code has one dot
     /// and so no shape: it fits.
-    pub(super) fn fits(&self, family: Family, code: u32, places: &BTreeMap<PointId, Vector3<f64>>) -> bool {
+    pub(super) fn fits(
+        &self,
+        family: Family,
+        code: u32,
+        places: &BTreeMap<PointId, Vector3<f64>>,
+    ) -> bool {
         match family {
             Family::Ring(_) => true,
             Family::Dot420 => shape(code, places).is_some_and(|shape| self.accepts(&shape)),
@@ -55,13 +62,17 @@ impl CodeShapes {
     pub(super) fn contradicted(&self, network: &Network) -> Vec<u32> {
         codes_with_places(network)
             .into_iter()
-            .filter(|(code, places)| shape(*code, places).is_some_and(|shape| !self.accepts(&shape)))
+            .filter(|(code, places)| {
+                shape(*code, places).is_some_and(|shape| !self.accepts(&shape))
+            })
             .map(|(code, _)| code)
             .collect()
     }
 
     fn accepts(&self, shape: &Shape) -> bool {
-        let size = self.pitch.map_or(0.0, |pitch| (shape.pitch / pitch - 1.0).abs());
+        let size = self
+            .pitch
+            .map_or(0.0, |pitch| (shape.pitch / pitch - 1.0).abs());
         shape.misfit_pitches < SHAPE_TOLERANCE_PITCHES && size < SIZE_TOLERANCE
     }
 }
@@ -69,17 +80,28 @@ impl CodeShapes {
 /// The outward normal of a `dot420` code: from the front, the turn from OA to OB is counter-clockwise.
 pub(super) fn normal_of_code(network: &Network, code: u32) -> Option<Vector3<f64>> {
     let place = |dot| {
-        let id = PointId::Code { family: Family::Dot420, code, dot };
+        let id = PointId::Code {
+            family: Family::Dot420,
+            code,
+            dot,
+        };
         network.points.get(&id).map(|point| point.position)
     };
     let origin = place(CodeDot::O)?;
-    (place(CodeDot::A)? - origin).cross(&(place(CodeDot::B)? - origin)).try_normalize(1e-12)
+    (place(CodeDot::A)? - origin)
+        .cross(&(place(CodeDot::B)? - origin))
+        .try_normalize(1e-12)
 }
 
 fn codes_with_places(network: &Network) -> BTreeMap<u32, BTreeMap<PointId, Vector3<f64>>> {
     let mut codes: BTreeMap<u32, BTreeMap<PointId, Vector3<f64>>> = BTreeMap::new();
     for (&id, point) in network.points.iter() {
-        if let PointId::Code { family: Family::Dot420, code, .. } = id {
+        if let PointId::Code {
+            family: Family::Dot420,
+            code,
+            ..
+        } = id
+        {
             codes.entry(code).or_default().insert(id, point.position);
         }
     }
@@ -88,7 +110,10 @@ fn codes_with_places(network: &Network) -> BTreeMap<u32, BTreeMap<PointId, Vecto
 
 fn shape(code: u32, places: &BTreeMap<PointId, Vector3<f64>>) -> Option<Shape> {
     let pattern = dot420_table().get(code.checked_sub(1)? as usize)?;
-    let in_code = DOT420_AXES.iter().chain(pattern).map(|&[x, y]| Vector3::new(f64::from(x), f64::from(y), 0.0));
+    let in_code = DOT420_AXES
+        .iter()
+        .chain(pattern)
+        .map(|&[x, y]| Vector3::new(f64::from(x), f64::from(y), 0.0));
     let pairs: Vec<(Vector3<f64>, Vector3<f64>)> = PointId::of_code(Family::Dot420, code)
         .iter()
         .zip(in_code)
@@ -98,6 +123,12 @@ fn shape(code: u32, places: &BTreeMap<PointId, Vector3<f64>>) -> Option<Shape> {
         return None;
     }
     let fit = fit_similarity(&pairs, Scale::Free).ok()?;
-    let squares: f64 = pairs.iter().map(|(place, found)| (fit.apply(place) - found).norm_squared()).sum();
-    Some(Shape { pitch: fit.scale, misfit_pitches: (squares / pairs.len() as f64).sqrt() / fit.scale })
+    let squares: f64 = pairs
+        .iter()
+        .map(|(place, found)| (fit.apply(place) - found).norm_squared())
+        .sum();
+    Some(Shape {
+        pitch: fit.scale,
+        misfit_pitches: (squares / pairs.len() as f64).sqrt() / fit.scale,
+    })
 }

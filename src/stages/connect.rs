@@ -38,7 +38,10 @@ pub(super) fn next(network: &Network) -> Option<ImageId> {
 }
 
 fn known_points(network: &Network, image: &ImageEntry) -> usize {
-    image.used_labels().filter(|(_, label)| network.points.contains_key(&label.point)).count()
+    image
+        .used_labels()
+        .filter(|(_, label)| network.points.contains_key(&label.point))
+        .count()
 }
 
 /// Connects one image, or records why it cannot be connected now.
@@ -48,14 +51,21 @@ pub(super) fn run(network: &mut Network, id: ImageId, monitor: &Monitor) -> Resu
     let rays = known_rays(network, id);
     match resect(network, id, &rays) {
         Err(reason) => {
-            let attempt = Attempt { basis: network.inputs, known_points: rays.len(), reason };
+            let attempt = Attempt {
+                basis: network.inputs,
+                known_points: rays.len(),
+                reason,
+            };
             network.image_mut(id).attempt = Some(attempt);
             return Ok(());
         }
         Ok(resection) => {
             set_misfits_aside(network, id, &rays, &resection.misfits);
             let image = network.image_mut(id);
-            image.station = Some(Station { pose: resection.pose, covariance: None });
+            image.station = Some(Station {
+                pose: resection.pose,
+                covariance: None,
+            });
             image.attempt = None;
             Arc::make_mut(&mut network.connection_order).push(id);
         }
@@ -70,12 +80,22 @@ pub(super) fn run(network: &mut Network, id: ImageId, monitor: &Monitor) -> Resu
 pub(super) fn update(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> {
     restore_rejected(network);
     let images = network.oriented_images().count();
-    let bundle = Bundle::assemble(network, LensFreedom::Provisional { images }, DatumPoints::All);
+    let bundle = Bundle::assemble(
+        network,
+        LensFreedom::Provisional { images },
+        DatumPoints::All,
+    );
     if bundle.is_empty() {
         return Ok(());
     }
-    let settings = RejectionSettings { critical: network.settings.critical_w, ..RejectionSettings::default() };
-    let bundle_settings = BundleSettings { convergence: UPDATE_CONVERGENCE, ..BundleSettings::default() };
+    let settings = RejectionSettings {
+        critical: network.settings.critical_w,
+        ..RejectionSettings::default()
+    };
+    let bundle_settings = BundleSettings {
+        convergence: UPDATE_CONVERGENCE,
+        ..BundleSettings::default()
+    };
     let robust = adjust_with_rejection(&bundle.problem, bundle_settings, &settings, monitor)
         .map_err(adjust::halt)?;
     bundle.write_back(network, &robust.adjustment);
@@ -93,20 +113,28 @@ fn set_misfits_aside(network: &mut Network, id: ImageId, rays: &[KnownRay], misf
         })
         .collect();
     for (family, code) in codes {
-        let of_code = |ray: &KnownRay| {
-            matches!(ray.point, PointId::Code { family: f, code: c, .. } if (f, c) == (family, code))
-        };
+        let of_code = |ray: &KnownRay| matches!(ray.point, PointId::Code { family: f, code: c, .. } if (f, c) == (family, code));
         let all = rays.iter().filter(|ray| of_code(ray)).count();
-        let missed = misfits.iter().filter(|&&index| of_code(&rays[index])).count();
+        let missed = misfits
+            .iter()
+            .filter(|&&index| of_code(&rays[index]))
+            .count();
         if 2 * missed > all {
             let path = network.images[&id].file.path.clone();
             let label = family.code_label(code);
-            set_code_aside(network.image_mut(id), family, code, "it does not lie where the other codes put it");
+            set_code_aside(
+                network.image_mut(id),
+                family,
+                code,
+                "it does not lie where the other codes put it",
+            );
             network.note(Finding {
                 stage: Stage::Connect,
                 kind: FindingKind::DoubtfulCode,
                 about: About::Image(id),
-                text: format!("{path}: {label} does not lie where the other codes put it; set aside"),
+                text: format!(
+                    "{path}: {label} does not lie where the other codes put it; set aside"
+                ),
             });
         }
     }

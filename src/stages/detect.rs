@@ -40,7 +40,11 @@ pub(super) fn run(
         .map(|id| {
             task.step().ok()?;
             let image = &network.images[id];
-            Some(pictures.load(image).map(|picture| detect(&picture, &network.settings.families, &settings)))
+            Some(
+                pictures
+                    .load(image)
+                    .map(|picture| detect(&picture, &network.settings.families, &settings)),
+            )
         })
         .collect();
     let complete = found.iter().all(Option::is_some);
@@ -64,7 +68,11 @@ pub(super) fn run(
 fn detect_settings(settings: &MeasurementSettings) -> DetectSettings {
     let sizes = settings.targets.of(Family::Dot420);
     DetectSettings {
-        dot420: Dot420Settings { pitch_mm: sizes.pitch_mm, dot_mm: sizes.dot_mm, ..Dot420Settings::default() },
+        dot420: Dot420Settings {
+            pitch_mm: sizes.pitch_mm,
+            dot_mm: sizes.dot_mm,
+            ..Dot420Settings::default()
+        },
         ..DetectSettings::default()
     }
 }
@@ -78,7 +86,10 @@ fn adopt(image: &mut ImageEntry, detections: Detections) {
     let mut order: Vec<usize> = (0..detections.codes.len()).collect();
     order.sort_by(|&a, &b| {
         let [a, b] = [a, b].map(|place| &detections.codes[place]);
-        a.doubt.is_some().cmp(&b.doubt.is_some()).then(a.misfit.total_cmp(&b.misfit))
+        a.doubt
+            .is_some()
+            .cmp(&b.doubt.is_some())
+            .then(a.misfit.total_cmp(&b.misfit))
     });
     for place in order {
         let reading = &detections.codes[place];
@@ -89,7 +100,14 @@ fn adopt(image: &mut ImageEntry, detections: Detections) {
             continue;
         }
         for (&dot, &point) in reading.dots.iter().zip(&points) {
-            labels.insert(dot, Label { point, source: Source::Automatic, rejected: None });
+            labels.insert(
+                dot,
+                Label {
+                    point,
+                    source: Source::Automatic,
+                    rejected: None,
+                },
+            );
             named.insert(point);
         }
     }
@@ -101,7 +119,12 @@ fn adopt(image: &mut ImageEntry, detections: Detections) {
 pub(super) fn findings(network: &Network) -> Vec<Finding> {
     let mut findings = Vec::new();
     let mut note = |kind, id, text| {
-        findings.push(Finding { stage: Stage::Detect, kind, about: About::Image(id), text });
+        findings.push(Finding {
+            stage: Stage::Detect,
+            kind,
+            about: About::Image(id),
+            text,
+        });
     };
     for (id, image) in network.used_images() {
         if let Some(reason) = &image.unreadable {
@@ -110,7 +133,11 @@ pub(super) fn findings(network: &Network) -> Vec<Finding> {
         for reading in image.detections.iter().flat_map(|d| &d.codes) {
             if let Some(doubt) = &reading.doubt {
                 let label = reading.family.code_label(reading.id);
-                note(FindingKind::DoubtfulCode, id, format!("{}: {label}: {doubt}", image.file.path));
+                note(
+                    FindingKind::DoubtfulCode,
+                    id,
+                    format!("{}: {label}: {doubt}", image.file.path),
+                );
             }
         }
     }

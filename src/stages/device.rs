@@ -34,8 +34,10 @@ pub(super) fn device_views(network: &Network, monitor: &Monitor) -> Result<Vec<D
     if network.device.is_empty() {
         return Ok(Vec::new());
     }
-    let images: Vec<(ImageId, &ImageEntry)> =
-        network.used_images().filter(|(_, image)| image.detections.is_some()).collect();
+    let images: Vec<(ImageId, &ImageEntry)> = network
+        .used_images()
+        .filter(|(_, image)| image.detections.is_some())
+        .collect();
     let task = monitor.task("recognising the cross", images.len() as u64);
     let views: Vec<Option<DeviceView>> = images
         .par_iter()
@@ -50,7 +52,11 @@ pub(super) fn device_views(network: &Network, monitor: &Monitor) -> Result<Vec<D
 fn recognise(network: &Network, id: ImageId, image: &ImageEntry) -> Option<DeviceView> {
     let detections = image.detections.as_ref()?;
     let camera = &network.camera_of(image).camera;
-    let device: Vec<Vector3<f64>> = network.device.iter().map(|p| Vector3::from(p.position_mm)).collect();
+    let device: Vec<Vector3<f64>> = network
+        .device
+        .iter()
+        .map(|p| Vector3::from(p.position_mm))
+        .collect();
     let dots: Vec<ImageDot> = detections
         .dots
         .iter()
@@ -80,23 +86,42 @@ fn recognise(network: &Network, id: ImageId, image: &ImageEntry) -> Option<Devic
         .collect();
     let points: Vec<IdealPoint> = named
         .iter()
-        .map(|(index, dot)| IdealPoint { ideal: dots[dot.slot()].ideal, point: device[usize::from(*index)] })
+        .map(|(index, dot)| IdealPoint {
+            ideal: dots[dot.slot()].ideal,
+            point: device[usize::from(*index)],
+        })
         .collect();
     let nominal = found.poses.iter().map(|p| p.pose);
-    let poses = dlt_pose(&points, c, camera.pixel_pitch_mm).into_iter().chain(nominal).collect();
-    let centre = points.iter().map(|p| p.ideal).sum::<nalgebra::Vector2<f64>>() / points.len().max(1) as f64;
+    let poses = dlt_pose(&points, c, camera.pixel_pitch_mm)
+        .into_iter()
+        .chain(nominal)
+        .collect();
+    let centre = points
+        .iter()
+        .map(|p| p.ideal)
+        .sum::<nalgebra::Vector2<f64>>()
+        / points.len().max(1) as f64;
     let half_diagonal =
         camera.pixel_pitch_mm * f64::from(camera.width_px).hypot(f64::from(camera.height_px)) / 2.0;
     let centrality = (1.0 - centre.norm() / half_diagonal).clamp(0.05, 1.0);
-    Some(DeviceView { image: id, dots: named, poses, centrality })
+    Some(DeviceView {
+        image: id,
+        dots: named,
+        poses,
+        centrality,
+    })
 }
 
 /// The paper's way: the eleven-parameter DLT converted to an exterior orientation, its interior orientation
 /// disregarded, refined with the nominal principal distance; `None` where the device's shape leaves the DLT singular.
 fn dlt_pose(points: &[IdealPoint], c: f64, pixel_pitch_mm: f64) -> Option<Pose> {
-    let settings = DltSettings { image_sigma_mm: 0.1 * pixel_pitch_mm };
+    let settings = DltSettings {
+        image_sigma_mm: 0.1 * pixel_pitch_mm,
+    };
     let start = direct_linear_transformation(points, &settings).ok()?.pose;
-    refine_on_ideal_points(points, c, &start).ok().map(|fit| fit.pose)
+    refine_on_ideal_points(points, c, &start)
+        .ok()
+        .map(|fit| fit.pose)
 }
 
 /// Names the device's dots in an image; dots that carry a name keep it.
@@ -107,7 +132,11 @@ pub(super) fn label_device(network: &mut Network, view: &DeviceView) {
         let point = PointId::Device(index);
         let elsewhere = labels.values().any(|label| label.point == point);
         if !elsewhere {
-            labels.entry(dot).or_insert(Label { point, source: Source::Automatic, rejected: None });
+            labels.entry(dot).or_insert(Label {
+                point,
+                source: Source::Automatic,
+                rejected: None,
+            });
         }
     }
 }

@@ -15,7 +15,9 @@ use crate::camera::Camera;
 use crate::geometry::Pose;
 use crate::monitor::Monitor;
 use crate::network::{ImageEntry, ImageId, Network, Point, PointId, Station};
-use crate::orientation::relative::{PixelPair, RelativePose, RelativeSettings, relative_orientation};
+use crate::orientation::relative::{
+    PixelPair, RelativePose, RelativeSettings, relative_orientation,
+};
 use crate::targets::DotIndex;
 
 /// Fewest common labelled dots from which two images are oriented to each other.
@@ -52,10 +54,17 @@ struct Start {
 pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> {
     let with_targets: Vec<(ImageId, &ImageEntry)> = network
         .used_images()
-        .filter(|(_, image)| image.detections.as_ref().is_some_and(|d| !d.dots.is_empty()))
+        .filter(|(_, image)| {
+            image
+                .detections
+                .as_ref()
+                .is_some_and(|d| !d.dots.is_empty())
+        })
         .collect();
     if with_targets.len() < 2 {
-        return Err(Halt::Failed(StageError::TooFewImages { found: with_targets.len() }));
+        return Err(Halt::Failed(StageError::TooFewImages {
+            found: with_targets.len(),
+        }));
     }
     let views = device_views(network, monitor)?;
     for view in &views {
@@ -74,7 +83,9 @@ pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> 
     }
     starts = starts_from_codes(network, monitor)?;
     if starts.is_empty() {
-        let most = pairs_by_common_dots(network).first().map_or(0, |pair| pair.dots.len());
+        let most = pairs_by_common_dots(network)
+            .first()
+            .map_or(0, |pair| pair.dots.len());
         reason.push_str(&format!(
             "the two images with most codes in common share {most} code dots, {DOTS_FOR_A_PAIR} that fit are needed"
         ));
@@ -90,8 +101,15 @@ pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> 
 }
 
 /// Builds the pairs in order of their score until one gives a network; `Ok(Err(reason))` where none does.
-fn build_best(network: &mut Network, starts: &[Start], monitor: &Monitor) -> Result<Result<(), String>, Halt> {
-    let task = monitor.task("orienting the first pair", starts.len().min(PAIRS_TO_BUILD) as u64);
+fn build_best(
+    network: &mut Network,
+    starts: &[Start],
+    monitor: &Monitor,
+) -> Result<Result<(), String>, Halt> {
+    let task = monitor.task(
+        "orienting the first pair",
+        starts.len().min(PAIRS_TO_BUILD) as u64,
+    );
     let mut reason = "no pair to start from".to_owned();
     for start in starts.iter().take(PAIRS_TO_BUILD) {
         task.step()?;
@@ -111,7 +129,10 @@ fn build_best(network: &mut Network, starts: &[Start], monitor: &Monitor) -> Res
 fn build(network: &Network, start: &Start, monitor: &Monitor) -> Result<Network, Halt> {
     let mut built = network.clone();
     for (id, pose) in start.images.iter().zip(&start.poses) {
-        built.image_mut(*id).station = Some(Station { pose: *pose, covariance: None });
+        built.image_mut(*id).station = Some(Station {
+            pose: *pose,
+            covariance: None,
+        });
         built.image_mut(*id).attempt = None;
     }
     built.connection_order = Arc::new(start.images.to_vec());
@@ -119,11 +140,17 @@ fn build(network: &Network, start: &Start, monitor: &Monitor) -> Result<Network,
     intersect_new_points(&mut built);
     apply_scale(&mut built);
     let codes = |network: &Network| {
-        network.points.iter().filter(|(id, p)| matches!(id, PointId::Code { .. }) && p.rays >= 2).count()
+        network
+            .points
+            .iter()
+            .filter(|(id, p)| matches!(id, PointId::Code { .. }) && p.rays >= 2)
+            .count()
     };
     if codes(&built) < POINTS_TO_GO_ON {
         let found = codes(&built);
-        let reason = format!("the pair gives coordinates to {found} code dots, {POINTS_TO_GO_ON} are needed");
+        let reason = format!(
+            "the pair gives coordinates to {found} code dots, {POINTS_TO_GO_ON} are needed"
+        );
         return Err(Halt::Failed(StageError::NoFirstPair { reason }));
     }
     update(&mut built, monitor)?;
@@ -150,12 +177,19 @@ fn starts_from_device(network: &Network, views: &[DeviceView]) -> Vec<Start> {
     let mut starts = Vec::new();
     for (index, first) in views.iter().enumerate() {
         for second in &views[index + 1..] {
-            let common = common_dots(&network.images[&first.image], &network.images[&second.image]).len();
+            let common = common_dots(
+                &network.images[&first.image],
+                &network.images[&second.image],
+            )
+            .len();
             for (rank_first, pose_first) in first.poses.iter().enumerate() {
                 for (rank_second, pose_second) in second.poses.iter().enumerate() {
                     let to_first = pose_first.centre_in_world.normalize();
                     let to_second = pose_second.centre_in_world.normalize();
-                    let angle = to_first.cross(&to_second).norm().atan2(to_first.dot(&to_second));
+                    let angle = to_first
+                        .cross(&to_second)
+                        .norm()
+                        .atan2(to_first.dot(&to_second));
                     let central = (first.centrality + second.centrality) / 2.0;
                     // A second pose of a flat cross is right only where the first one is wrong.
                     let unlikely = 0.25_f64.powi((rank_first + rank_second) as i32);
@@ -213,7 +247,10 @@ fn pairs_by_common_dots(network: &Network) -> Vec<CommonPair> {
         for (second, second_entry) in &images[index + 1..] {
             let dots = common_dots(first_entry, second_entry);
             if !dots.is_empty() {
-                pairs.push(CommonPair { images: [*first, *second], dots });
+                pairs.push(CommonPair {
+                    images: [*first, *second],
+                    dots,
+                });
             }
         }
     }
@@ -222,15 +259,23 @@ fn pairs_by_common_dots(network: &Network) -> Vec<CommonPair> {
 }
 
 fn common_dots(first: &ImageEntry, second: &ImageEntry) -> Vec<[DotIndex; 2]> {
-    let in_second: BTreeMap<PointId, DotIndex> = second.used_labels().map(|(dot, l)| (l.point, dot)).collect();
-    first.used_labels().filter_map(|(dot, l)| Some([dot, *in_second.get(&l.point)?])).collect()
+    let in_second: BTreeMap<PointId, DotIndex> = second
+        .used_labels()
+        .map(|(dot, l)| (l.point, dot))
+        .collect();
+    first
+        .used_labels()
+        .filter_map(|(dot, l)| Some([dot, *in_second.get(&l.point)?]))
+        .collect()
 }
 
 /// The relative orientations of a pair at the tightest tolerance at which most dots agree; on flat scenes there may be
 /// two, of which the network decides.
 fn orient(network: &Network, pair: &CommonPair) -> Vec<Start> {
     let entries = pair.images.map(|id| &network.images[&id]);
-    let [Some(first), Some(second)] = entries.map(|entry| entry.detections.as_ref()) else { return Vec::new() };
+    let [Some(first), Some(second)] = entries.map(|entry| entry.detections.as_ref()) else {
+        return Vec::new();
+    };
     let cameras: [&Camera; 2] = entries.map(|entry| &network.camera_of(entry).camera);
     let pixels: Vec<PixelPair> = pair
         .dots
@@ -241,17 +286,29 @@ fn orient(network: &Network, pair: &CommonPair) -> Vec<Start> {
         })
         .collect();
     let found = TOLERANCES_PX.iter().find_map(|&tolerance_px| {
-        let settings = RelativeSettings { tolerance_px, seed: network.settings.seed, ..RelativeSettings::default() };
+        let settings = RelativeSettings {
+            tolerance_px,
+            seed: network.settings.seed,
+            ..RelativeSettings::default()
+        };
         let found = relative_orientation(cameras, &pixels, &settings).ok()?;
         (found.best.inlier_count as f64 >= SHARE_TO_AGREE * pixels.len() as f64).then_some(found)
     });
     let start = |pose: RelativePose| Start {
         images: pair.images,
         poses: [
-            Pose { camera_from_world: Rotation3::identity(), centre_in_world: Vector3::zeros() },
+            Pose {
+                camera_from_world: Rotation3::identity(),
+                centre_in_world: Vector3::zeros(),
+            },
             pose.second,
         ],
-        score: pose.inlier_count as f64 * (pose.median_angle / ANGLE_ENOUGH).min(1.0) / (1.0 + pose.rms_px),
+        score: pose.inlier_count as f64 * (pose.median_angle / ANGLE_ENOUGH).min(1.0)
+            / (1.0 + pose.rms_px),
     };
-    found.into_iter().flat_map(|found| std::iter::once(found.best).chain(found.alternative)).map(start).collect()
+    found
+        .into_iter()
+        .flat_map(|found| std::iter::once(found.best).chain(found.alternative))
+        .map(start)
+        .collect()
 }

@@ -31,14 +31,27 @@ const SPACE_MARGIN: f64 = 0.5;
 
 /// Whether another pass may name more dots.
 pub(super) fn is_unfinished(network: &Network) -> bool {
-    let done: Vec<_> = network.passes.iter().filter(|p| p.basis == network.inputs).collect();
+    let done: Vec<_> = network
+        .passes
+        .iter()
+        .filter(|p| p.basis == network.inputs)
+        .collect();
     done.last().is_none_or(|pass| pass.labelled > 0) && done.len() < MAX_PASSES
 }
 
 /// One pass: names dots of known points and new targets, then adjusts everything.
 pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> {
-    let Scene { views, images, known, known_ids, neighbours } = Scene::of(network);
-    let sigma_station_mm = network.adjustment.as_ref().map_or(0.0, |a| a.sigma_station_mm);
+    let Scene {
+        views,
+        images,
+        known,
+        known_ids,
+        neighbours,
+    } = Scene::of(network);
+    let sigma_station_mm = network
+        .adjustment
+        .as_ref()
+        .map_or(0.0, |a| a.sigma_station_mm);
     let space = ObjectSpace::around(known.iter().map(|k| &k.position), SPACE_MARGIN);
     let offered: usize = views.iter().map(|v| v.dots.len()).sum();
     let mut labelled = 0;
@@ -59,7 +72,12 @@ pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> 
         };
         let found = identify(&input, &settings, monitor)?;
         let before = network.points.len();
-        labelled = Names { images: &images, views: &views, known_ids: &known_ids }.give(network, &found);
+        labelled = Names {
+            images: &images,
+            views: &views,
+            known_ids: &known_ids,
+        }
+        .give(network, &found);
         new_points = network.points.len() - before;
     }
     if labelled > 0 {
@@ -105,7 +123,9 @@ impl Scene {
         let mut views = Vec::new();
         let mut images = Vec::new();
         for (id, image, station) in network.oriented_images() {
-            let Some(detections) = &image.detections else { continue };
+            let Some(detections) = &image.detections else {
+                continue;
+            };
             let dots: Vec<DotIndex> = (0..detections.dots.len() as u32)
                 .map(DotIndex)
                 .filter(|dot| is_free(network, image, *dot))
@@ -124,19 +144,37 @@ impl Scene {
                 })
                 .collect();
             let camera = network.camera_of(image).camera.clone();
-            views.push(ImageView { view: View { camera, pose: station.pose, dots: view_dots }, dots });
+            views.push(ImageView {
+                view: View {
+                    camera,
+                    pose: station.pose,
+                    dots: view_dots,
+                },
+                dots,
+            });
             images.push(id);
         }
-        let place: BTreeMap<ImageId, usize> = images.iter().enumerate().map(|(i, id)| (*id, i)).collect();
+        let place: BTreeMap<ImageId, usize> =
+            images.iter().enumerate().map(|(i, id)| (*id, i)).collect();
         let (known_ids, known) = known_points(network, &images).into_iter().unzip();
         let connectivity = Connectivity::of(network);
         let mut neighbours = vec![Vec::new(); images.len()];
         for image in &connectivity.images {
             if let Some(&index) = place.get(&image.image) {
-                neighbours[index] = image.shared.keys().filter_map(|id| place.get(id).copied()).collect();
+                neighbours[index] = image
+                    .shared
+                    .keys()
+                    .filter_map(|id| place.get(id).copied())
+                    .collect();
             }
         }
-        Self { views, images, known, known_ids, neighbours }
+        Self {
+            views,
+            images,
+            known,
+            known_ids,
+            neighbours,
+        }
     }
 }
 
@@ -158,15 +196,25 @@ fn known_points(network: &Network, images: &[ImageId]) -> Vec<(PointId, KnownPoi
             seen_in.entry(label.point).or_default().push(index);
         }
     }
-    let metric = network.adjustment.as_ref().is_some_and(|a| a.scale_from != ScaleSource::Arbitrary);
+    let metric = network
+        .adjustment
+        .as_ref()
+        .is_some_and(|a| a.scale_from != ScaleSource::Arbitrary);
     network
         .points
         .iter()
         .map(|(&id, point)| {
             let circle = match id {
-                PointId::Code { family: Family::Dot420, code, .. } => normal_of_code(network, code).map(|normal| {
+                PointId::Code {
+                    family: Family::Dot420,
+                    code,
+                    ..
+                } => normal_of_code(network, code).map(|normal| {
                     let diameter = network.settings.targets.of(Family::Dot420).dot_mm;
-                    KnownCircle { diameter_mm: metric.then_some(diameter), normal }
+                    KnownCircle {
+                        diameter_mm: metric.then_some(diameter),
+                        normal,
+                    }
                 }),
                 _ => None,
             };
@@ -202,8 +250,11 @@ impl Names<'_> {
                 network.next_target += 1;
                 PointId::Target(network.next_target)
             });
-            let coordinates =
-                Point { position: track.position, covariance: None, rays: track.members.len() as u32 };
+            let coordinates = Point {
+                position: track.position,
+                covariance: None,
+                rays: track.members.len() as u32,
+            };
             Arc::make_mut(&mut network.points).insert(point, Arc::new(coordinates));
             for member in &track.members {
                 self.name(network, *member, point);
@@ -221,13 +272,21 @@ impl Names<'_> {
         if let Some(PointId::Code { family, code, .. }) = previous.filter(|p| *p != point) {
             set_code_aside(image, family, code, "its dots belong to other targets");
         }
-        let label = Label { point, source: Source::Automatic, rejected: None };
+        let label = Label {
+            point,
+            source: Source::Automatic,
+            rejected: None,
+        };
         Arc::make_mut(&mut image.labels).insert(dot, label);
     }
 
     /// Codes that a single image shows have no coordinates yet; where the intersections of their dots have the shape of
     /// the code, the intersections get the code's names instead of new ones.
-    fn names_of_single_codes(&self, network: &Network, tracks: &[Track]) -> BTreeMap<usize, PointId> {
+    fn names_of_single_codes(
+        &self,
+        network: &Network,
+        tracks: &[Track],
+    ) -> BTreeMap<usize, PointId> {
         let mut track_of_point: BTreeMap<PointId, BTreeSet<usize>> = BTreeMap::new();
         for (index, track) in tracks.iter().enumerate() {
             for member in &track.members {
@@ -246,7 +305,9 @@ impl Names<'_> {
         let shapes = CodeShapes::of(network);
         let mut names = BTreeMap::new();
         for (&point, &index) in &unique {
-            let PointId::Code { family, code, .. } = point else { continue };
+            let PointId::Code { family, code, .. } = point else {
+                continue;
+            };
             let places: BTreeMap<PointId, _> = PointId::of_code(family, code)
                 .into_iter()
                 .filter_map(|p| Some((p, tracks[*unique.get(&p)?].position)))
@@ -262,7 +323,10 @@ impl Names<'_> {
         let mut reasons: BTreeMap<usize, BTreeMap<DotIndex, String>> = BTreeMap::new();
         for left in leftover {
             let dot = self.views[left.member.view].dots[left.member.dot];
-            reasons.entry(left.member.view).or_default().insert(dot, in_words(&left.reason));
+            reasons
+                .entry(left.member.view)
+                .or_default()
+                .insert(dot, in_words(&left.reason));
         }
         for (view, id) in self.images.iter().enumerate() {
             network.image_mut(*id).unlabelled = Arc::new(reasons.remove(&view).unwrap_or_default());
@@ -272,8 +336,13 @@ impl Names<'_> {
 
 /// Takes the names of a code's dots away in one image, for this reason.
 pub(super) fn set_code_aside(image: &mut ImageEntry, family: Family, code: u32, reason: &str) {
-    let Some(detections) = image.detections.clone() else { return };
-    let place = detections.codes.iter().position(|r| (r.family, r.id) == (family, code));
+    let Some(detections) = image.detections.clone() else {
+        return;
+    };
+    let place = detections
+        .codes
+        .iter()
+        .position(|r| (r.family, r.id) == (family, code));
     if let Some(place) = place {
         Arc::make_mut(&mut image.set_aside).insert(place, reason.to_owned());
     }
@@ -296,7 +365,9 @@ fn in_words(reason: &LeftoverReason) -> String {
             format!("ambiguous: {rays} rays against {rival_rays} of another reading")
         }
         LeftoverReason::Contested { distance_px } => {
-            format!("{distance_px:.2} px from the predicted place of a target that another dot claims too")
+            format!(
+                "{distance_px:.2} px from the predicted place of a target that another dot claims too"
+            )
         }
     }
 }

@@ -47,7 +47,10 @@ pub(super) fn parameter_states(entry: &CameraEntry, freedom: LensFreedom) -> [Pa
             (Some(sigma), _) => ParameterState::Weighted { value, sigma },
             (None, LensFreedom::Free) => ParameterState::Free,
             (None, LensFreedom::Provisional { images }) if images >= images_for(parameter) => {
-                ParameterState::Weighted { value, sigma: usual[parameter] }
+                ParameterState::Weighted {
+                    value,
+                    sigma: usual[parameter],
+                }
             }
             (None, LensFreedom::Provisional { .. }) => ParameterState::Fixed,
         }
@@ -66,7 +69,8 @@ fn images_for(parameter: usize) -> usize {
 /// By how much the parameters of real lenses differ from nominal ones.
 fn usual_sigmas(entry: &CameraEntry) -> [f64; 10] {
     let camera = &entry.nominal;
-    let radius = camera.pixel_pitch_mm * f64::from(camera.width_px).hypot(f64::from(camera.height_px)) / 2.0;
+    let radius =
+        camera.pixel_pitch_mm * f64::from(camera.width_px).hypot(f64::from(camera.height_px)) / 2.0;
     let distance_share = match entry.source {
         InteriorSource::Unknown => SEARCHED_DISTANCE_SHARE,
         InteriorSource::CameraFile | InteriorSource::Exif => DISTANCE_SHARE,

@@ -61,7 +61,10 @@ pub struct Advance {
 
 impl Advance {
     fn complete(network: Network) -> Self {
-        Self { network, complete: true }
+        Self {
+            network,
+            complete: true,
+        }
     }
 }
 
@@ -153,9 +156,12 @@ impl Stage {
             Stage::AdjustCodes | Stage::Adjust => adjust::findings(&network, self),
             Stage::FirstPair | Stage::Identify => Vec::new(),
         };
-        let left_out = findings
-            .iter()
-            .any(|f| matches!(f.kind, FindingKind::UnreadableImage | FindingKind::UnconnectedImage));
+        let left_out = findings.iter().any(|f| {
+            matches!(
+                f.kind,
+                FindingKind::UnreadableImage | FindingKind::UnconnectedImage
+            )
+        });
         for finding in findings {
             network.note(finding);
         }
@@ -173,7 +179,13 @@ impl Stage {
             None if left_out => Outcome::Incomplete,
             None => Outcome::Done,
         };
-        network.conclusions.insert(self, Conclusion { basis: network.inputs, outcome });
+        network.conclusions.insert(
+            self,
+            Conclusion {
+                basis: network.inputs,
+                outcome,
+            },
+        );
         network
     }
 }

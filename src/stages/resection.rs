@@ -59,15 +59,23 @@ fn lens_limit(network: &Network, limits: [f64; 2]) -> f64 {
 /// The labelled dots of an image whose points have coordinates.
 pub(super) fn known_rays(network: &Network, id: ImageId) -> Vec<KnownRay> {
     let image = &network.images[&id];
-    let Some(detections) = &image.detections else { return Vec::new() };
+    let Some(detections) = &image.detections else {
+        return Vec::new();
+    };
     image
         .used_labels()
         .filter_map(|(dot, label)| {
             let point = network.points.get(&label.point)?.position;
             let measured = &detections.dots[dot.slot()];
-            let observation =
-                PoseObservation { pixel: measured.centre_px, point, sigma_px: measured.sigma_px };
-            Some(KnownRay { point: label.point, observation })
+            let observation = PoseObservation {
+                pixel: measured.centre_px,
+                point,
+                sigma_px: measured.sigma_px,
+            };
+            Some(KnownRay {
+                point: label.point,
+                observation,
+            })
         })
         .collect()
 }
@@ -77,14 +85,19 @@ pub(super) fn known_rays(network: &Network, id: ImageId) -> Vec<KnownRay> {
 ///
 /// # Errors
 /// The reason in the operator's words.
-pub(super) fn resect(network: &Network, id: ImageId, rays: &[KnownRay]) -> Result<FoundPose, String> {
+pub(super) fn resect(
+    network: &Network,
+    id: ImageId,
+    rays: &[KnownRay],
+) -> Result<FoundPose, String> {
     let camera = &network.camera_of(&network.images[&id]).camera;
     let observations: Vec<PoseObservation> = rays.iter().map(|ray| ray.observation).collect();
     let needed = ((SHARE_TO_AGREE * rays.len() as f64).ceil() as usize).max(4);
     let start = similarity_start(network, camera, rays);
     let mut reason = String::new();
     for tolerance_px in TOLERANCES_PX {
-        let refined = start.and_then(|pose| refine_within(camera, &observations, &pose, tolerance_px));
+        let refined =
+            start.and_then(|pose| refine_within(camera, &observations, &pose, tolerance_px));
         let pose = match refined.filter(|found| found.agreeing >= needed) {
             Some(found) => found.pose,
             None => match by_consensus(network, camera, &observations, tolerance_px, needed) {
@@ -97,7 +110,9 @@ pub(super) fn resect(network: &Network, id: ImageId, rays: &[KnownRay]) -> Resul
         };
         let limit = lens_limit(network, MISFIT_PX).max(3.0 * tolerance_px);
         let misfits = (0..rays.len())
-            .filter(|&index| residual_px(camera, &pose, &observations[index]).is_none_or(|r| r > limit))
+            .filter(|&index| {
+                residual_px(camera, &pose, &observations[index]).is_none_or(|r| r > limit)
+            })
             .collect();
         return Ok(FoundPose { pose, misfits });
     }
@@ -129,7 +144,10 @@ fn by_consensus(
             other.rms_px
         ));
     }
-    Ok(refine_within(camera, observations, &found.pose, tolerance_px).map_or(found.pose, |refined| refined.pose))
+    Ok(
+        refine_within(camera, observations, &found.pose, tolerance_px)
+            .map_or(found.pose, |refined| refined.pose),
+    )
 }
 
 struct RefinedWithin {
@@ -145,9 +163,17 @@ fn refine_within(
     tolerance_px: f64,
 ) -> Option<RefinedWithin> {
     // All dots count alike: what separates them from their places is the lens, not their own noise.
-    let alike: Vec<PoseObservation> =
-        observations.iter().map(|o| PoseObservation { sigma_px: tolerance_px / 3.0, ..*o }).collect();
-    let settings = RefineSettings { loss: Loss::Huber(1.5), ..RefineSettings::default() };
+    let alike: Vec<PoseObservation> = observations
+        .iter()
+        .map(|o| PoseObservation {
+            sigma_px: tolerance_px / 3.0,
+            ..*o
+        })
+        .collect();
+    let settings = RefineSettings {
+        loss: Loss::Huber(1.5),
+        ..RefineSettings::default()
+    };
     let pose = refine_pose(camera, &alike, start, &settings).ok()?.pose;
     let agreeing = observations
         .iter()
@@ -163,11 +189,17 @@ fn residual_px(camera: &Camera, pose: &Pose, observation: &PoseObservation) -> O
 
 /// The pose by equations 1-12 of the paper from all codes whose O, A, B are known; `None` with fewer than three.
 fn similarity_start(network: &Network, camera: &Camera, rays: &[KnownRay]) -> Option<Pose> {
-    let ideal: BTreeMap<PointId, Vector2<f64>> =
-        rays.iter().map(|ray| (ray.point, camera.ideal_from_pixel(&ray.observation.pixel))).collect();
+    let ideal: BTreeMap<PointId, Vector2<f64>> = rays
+        .iter()
+        .map(|ray| (ray.point, camera.ideal_from_pixel(&ray.observation.pixel)))
+        .collect();
     let side_of = |code: u32| {
         let place = |dot| {
-            let id = PointId::Code { family: Family::Dot420, code, dot };
+            let id = PointId::Code {
+                family: Family::Dot420,
+                code,
+                dot,
+            };
             network.points.get(&id).map(|p| p.position)
         };
         Some((place(CodeDot::A)? - place(CodeDot::O)?).norm())
@@ -175,18 +207,47 @@ fn similarity_start(network: &Network, camera: &Camera, rays: &[KnownRay]) -> Op
     let mut views = Vec::new();
     let mut sides = Vec::new();
     for ray in rays {
-        let PointId::Code { family: Family::Dot420, code, dot: CodeDot::O } = ray.point else { continue };
-        let image_of = |dot| ideal.get(&PointId::Code { family: Family::Dot420, code, dot }).copied();
-        if let (Some(o), Some(a), Some(b)) = (image_of(CodeDot::O), image_of(CodeDot::A), image_of(CodeDot::B)) {
-            views.push(CodeView { o, a, b, object: ray.observation.point });
+        let PointId::Code {
+            family: Family::Dot420,
+            code,
+            dot: CodeDot::O,
+        } = ray.point
+        else {
+            continue;
+        };
+        let image_of = |dot| {
+            ideal
+                .get(&PointId::Code {
+                    family: Family::Dot420,
+                    code,
+                    dot,
+                })
+                .copied()
+        };
+        if let (Some(o), Some(a), Some(b)) = (
+            image_of(CodeDot::O),
+            image_of(CodeDot::A),
+            image_of(CodeDot::B),
+        ) {
+            views.push(CodeView {
+                o,
+                a,
+                b,
+                object: ray.observation.point,
+            });
             sides.extend(side_of(code));
         }
     }
     // The network's unit may not be the millimetre yet: its own codes tell how long a side is in it.
     let pitch = network.settings.targets.of(Family::Dot420).pitch_mm;
     sides.sort_by(f64::total_cmp);
-    let side = sides.get(sides.len() / 2).copied().unwrap_or(SIDE_PITCHES * pitch);
-    resect_by_similarity(&views, side, camera.interior.principal_distance).ok().map(|found| found.pose)
+    let side = sides
+        .get(sides.len() / 2)
+        .copied()
+        .unwrap_or(SIDE_PITCHES * pitch);
+    resect_by_similarity(&views, side, camera.interior.principal_distance)
+        .ok()
+        .map(|found| found.pose)
 }
 
 /// Gives coordinates to the points that two or more oriented images show and that have none.
@@ -195,7 +256,9 @@ fn similarity_start(network: &Network, camera: &Camera, rays: &[KnownRay]) -> Op
 pub(super) fn intersect_new_points(network: &mut Network) {
     let mut sights: BTreeMap<PointId, Vec<Sight>> = BTreeMap::new();
     for (_, image, station) in network.oriented_images() {
-        let Some(detections) = &image.detections else { continue };
+        let Some(detections) = &image.detections else {
+            continue;
+        };
         let camera = &network.camera_of(image).camera;
         for (dot, label) in image.used_labels() {
             if !network.points.contains_key(&label.point) {
@@ -211,7 +274,11 @@ pub(super) fn intersect_new_points(network: &mut Network) {
     let points = Arc::make_mut(&mut network.points);
     for (id, sights) in &sights {
         if let Some(position) = meet(sights, limit_px) {
-            let point = Point { position, covariance: None, rays: sights.len() as u32 };
+            let point = Point {
+                position,
+                covariance: None,
+                rays: sights.len() as u32,
+            };
             points.insert(*id, Arc::new(point));
         }
     }
@@ -236,7 +303,11 @@ impl Sight {
     /// How far a point is imaged from the ray, px; infinite behind the camera.
     fn miss_px(&self, point: &Vector3<f64>) -> f64 {
         let range = self.ray.range(point);
-        if range > 0.0 { self.ray.distance(point) / range * self.px_per_radian } else { f64::INFINITY }
+        if range > 0.0 {
+            self.ray.distance(point) / range * self.px_per_radian
+        } else {
+            f64::INFINITY
+        }
     }
 }
 
@@ -249,15 +320,27 @@ fn meet(sights: &[Sight], limit_px: f64) -> Option<Vector3<f64>> {
             if !(LEAST_ANGLE..=std::f64::consts::PI - LEAST_ANGLE).contains(&angle) {
                 continue;
             }
-            let Ok(pair) = intersect_rays(&[first.ray, second.ray]) else { continue };
-            let agreeing: Vec<Ray> =
-                sights.iter().filter(|s| s.miss_px(&pair.point) < limit_px).map(|s| s.ray).collect();
+            let Ok(pair) = intersect_rays(&[first.ray, second.ray]) else {
+                continue;
+            };
+            let agreeing: Vec<Ray> = sights
+                .iter()
+                .filter(|s| s.miss_px(&pair.point) < limit_px)
+                .map(|s| s.ray)
+                .collect();
             let both = first.miss_px(&pair.point).max(second.miss_px(&pair.point)) < limit_px;
-            if both && best.as_ref().is_none_or(|(count, _)| agreeing.len() > *count) {
+            if both
+                && best
+                    .as_ref()
+                    .is_none_or(|(count, _)| agreeing.len() > *count)
+            {
                 best = Some((agreeing.len(), agreeing));
             }
         }
     }
     let (count, rays) = best?;
-    (2 * count > sights.len()).then(|| intersect_rays(&rays).ok()).flatten().map(|found| found.point)
+    (2 * count > sights.len())
+        .then(|| intersect_rays(&rays).ok())
+        .flatten()
+        .map(|found| found.point)
 }

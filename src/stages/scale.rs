@@ -15,13 +15,19 @@ const ARBITRARY_BASE_MM: f64 = 1000.0;
 
 /// The scale bars that enter the adjustment: both ends have coordinates.
 pub(super) fn control_bars(network: &Network) -> Vec<(&ScaleBar, [PointId; 2])> {
-    bars_in_reach(network).into_iter().filter(|(bar, _)| bar.role == BarRole::Control).collect()
+    bars_in_reach(network)
+        .into_iter()
+        .filter(|(bar, _)| bar.role == BarRole::Control)
+        .collect()
 }
 
 /// All scale bars whose ends both have coordinates.
 pub(super) fn bars_in_reach(network: &Network) -> Vec<(&ScaleBar, [PointId; 2])> {
     let end = |label: &str| {
-        network.point_of_label(label).ok().filter(|id| network.points.contains_key(id))
+        network
+            .point_of_label(label)
+            .ok()
+            .filter(|id| network.points.contains_key(id))
     };
     network
         .scale_bars
@@ -65,7 +71,13 @@ pub(super) fn apply_scale(network: &mut Network) {
     let known: f64 = lengths.iter().map(|l| l.known).sum();
     let present: f64 = lengths.iter().map(|l| l.present).sum();
     if known > 0.0 && present > 0.0 {
-        transform(network, &Similarity { scale: known / present, ..Similarity::identity() });
+        transform(
+            network,
+            &Similarity {
+                scale: known / present,
+                ..Similarity::identity()
+            },
+        );
     }
 }
 
@@ -80,7 +92,9 @@ pub(super) fn transform(network: &mut Network, similarity: &Similarity) {
     }
     let ids: Vec<_> = network.oriented_images().map(|(id, ..)| id).collect();
     for id in ids {
-        let Some(station) = &mut network.image_mut(id).station else { continue };
+        let Some(station) = &mut network.image_mut(id).station else {
+            continue;
+        };
         let Station { pose, covariance } = station;
         *pose = Pose {
             camera_from_world: pose.camera_from_world * rotation.inverse(),
@@ -143,7 +157,10 @@ fn pair_lengths(pairs: &[(Vector3<f64>, Vector3<f64>)]) -> Vec<Lengths> {
     let mut lengths = Vec::new();
     for (index, a) in pairs.iter().enumerate() {
         for b in &pairs[index + 1..] {
-            lengths.push(Lengths { known: (a.1 - b.1).norm(), present: (a.0 - b.0).norm() });
+            lengths.push(Lengths {
+                known: (a.1 - b.1).norm(),
+                present: (a.0 - b.0).norm(),
+            });
         }
     }
     lengths
@@ -154,11 +171,25 @@ fn code_lengths(network: &Network) -> Vec<Lengths> {
     let axis = 6.0 * network.settings.targets.of(Family::Dot420).pitch_mm;
     let mut lengths = Vec::new();
     for (id, origin) in network.points.iter() {
-        let PointId::Code { family: Family::Dot420, code, dot: CodeDot::O } = *id else { continue };
+        let PointId::Code {
+            family: Family::Dot420,
+            code,
+            dot: CodeDot::O,
+        } = *id
+        else {
+            continue;
+        };
         for dot in [CodeDot::A, CodeDot::B] {
-            let end = PointId::Code { family: Family::Dot420, code, dot };
+            let end = PointId::Code {
+                family: Family::Dot420,
+                code,
+                dot,
+            };
             if let Some(end) = network.points.get(&end) {
-                lengths.push(Lengths { known: axis, present: (end.position - origin.position).norm() });
+                lengths.push(Lengths {
+                    known: axis,
+                    present: (end.position - origin.position).norm(),
+                });
             }
         }
     }
@@ -168,7 +199,18 @@ fn code_lengths(network: &Network) -> Vec<Lengths> {
 fn first_base(network: &Network) -> Option<Lengths> {
     let centre = |place: usize| {
         let id = network.connection_order.get(place)?;
-        Some(network.images.get(id)?.station.as_ref()?.pose.centre_in_world)
+        Some(
+            network
+                .images
+                .get(id)?
+                .station
+                .as_ref()?
+                .pose
+                .centre_in_world,
+        )
     };
-    Some(Lengths { known: ARBITRARY_BASE_MM, present: (centre(0)? - centre(1)?).norm() })
+    Some(Lengths {
+        known: ARBITRARY_BASE_MM,
+        present: (centre(0)? - centre(1)?).norm(),
+    })
 }

@@ -60,6 +60,17 @@ pub(super) struct MeasuredDot {
     pub(super) blur: f64,
     /// Misfit beyond the noise as a share of the contrast.
     pub(super) misfit: f64,
+    /// Whether the dot alone is enough.
+    pub(super) standing: Standing,
+}
+
+/// What a dot counts for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Standing {
+    /// A target by itself.
+    Firm,
+    /// So small, and so near to other light, that only a code round it tells it from texture.
+    Tentative,
 }
 
 /// How much background is seen round a dot.
@@ -80,47 +91,99 @@ const RIM_GUARD: f64 = 1.0;
 /// First guess of the blur, px: that of a sharp lens on whole pixels.
 const FIRST_BLUR: f64 = 0.8;
 /// The window reaches at least this far from the edge, px: with less background its slope cannot be told from a shift.
-const LEAST_MARGIN: f64 = 6.5;
+const LEAST_MARGIN: f64 = 5.0;
 /// The window reaches no farther than this from the edge, px.
 const LARGEST_MARGIN: f64 = 12.0;
 /// Least number of background pixels that must be seen.
 const LEAST_FREE_PIXELS: usize = 12;
-/// Smaller dots are not looked for behind a rim: what looks so is texture. Product of the diameters, px^2.
-const LEAST_RIMMED: f64 = 80.0;
+/// The same for dots of a small ring code, whose neighbours stand a few pixels off: what is left between must suffice.
+const SMALL_RIM_MARGIN: f64 = 2.5;
+/// The guard of small dots, px.
+const SMALL_RIM_GUARD: f64 = 1.5;
+/// Dots below this product of the diameters are small in this sense, px^2.
+const SMALL: f64 = 80.0;
 
 /// Measures a candidate.
 ///
 /// # Errors
 /// The reason why it is no target, in the operator's words.
-pub(super) fn measure_dot(view: &View, candidate: &Candidate, settings: &DotSettings) -> Result<MeasuredDot, String> {
+pub(super) fn measure_dot(
+    view: &View,
+    candidate: &Candidate,
+    settings: &DotSettings,
+) -> Result<MeasuredDot, String> {
     if candidate.at_border {
         return Err("cut off at the picture's border".into());
     }
-    let open = measure_in(view, candidate, Surroundings::Open, settings);
+    let standing = if candidate.is_bump {
+        Standing::Tentative
+    } else {
+        Standing::Firm
+    };
+    let mut open = measure_in(view, candidate, Surroundings::Open, settings);
+    if let Ok(dot) = &mut open {
+        dot.standing = standing;
+    }
     if open.is_ok() || !is_rimmed(view, candidate) {
         return open;
     }
-    measure_in(view, candidate, Surroundings::Rim, settings).or(open)
+    let standing = if is_small(candidate) {
+        Standing::Tentative
+    } else {
+        standing
+    };
+    match measure_in(view, candidate, Surroundings::Rim, settings) {
+        Ok(dot) => Ok(MeasuredDot { standing, ..dot }),
+        Err(_) => open,
+    }
 }
 
 /// Whether something as bright as the dot begins a few pixels off its edge on much of its outline.
 fn is_rimmed(view: &View, candidate: &Candidate) -> bool {
     const DIRECTIONS: u32 = 32;
     const LEAST_SHARE: f64 = 0.4;
+    /// A code has at least two of its twenty segments light.
+    const LEAST_SHARE_SMALL: f64 = 0.06;
     let Some(axes) = candidate.ellipse.axes() else {
         return false;
     };
-    if 4.0 * axes.major * axes.minor < LEAST_RIMMED {
-        return false;
-    }
-    let wider = Axes { major: axes.major + FIRST_MARGIN, minor: axes.minor + FIRST_MARGIN, ..axes };
+    let (wider, least_share) = if is_small(candidate) {
+        (
+            Axes {
+                major: 2.4 * axes.major,
+                minor: 2.4 * axes.minor,
+                ..axes
+            },
+            LEAST_SHARE_SMALL,
+        )
+    } else {
+        let reach = |axis: f64| axis + FIRST_MARGIN;
+        (
+            Axes {
+                major: reach(axes.major),
+                minor: reach(axes.minor),
+                ..axes
+            },
+            LEAST_SHARE,
+        )
+    };
     let frame = wider.frame();
     let bright = (0..DIRECTIONS).filter(|&index| {
-        let (sin, cos) = (std::f64::consts::TAU * f64::from(index) / f64::from(DIRECTIONS)).sin_cos();
+        let (sin, cos) =
+            (std::f64::consts::TAU * f64::from(index) / f64::from(DIRECTIONS)).sin_cos();
         let place = candidate.ellipse.centre + frame * Vector2::new(cos, sin);
-        view.image.sample(place.x, place.y).is_some_and(|grey| grey > candidate.level)
+        view.image
+            .sample(place.x, place.y)
+            .is_some_and(|grey| grey > candidate.level)
     });
-    bright.count() as f64 >= LEAST_SHARE * f64::from(DIRECTIONS)
+    bright.count() as f64 >= least_share * f64::from(DIRECTIONS)
+}
+
+fn is_small(candidate: &Candidate) -> bool {
+    candidate
+        .ellipse
+        .axes()
+        .is_some_and(|axes| 4.0 * axes.major * axes.minor < SMALL)
 }
 
 fn measure_in(
@@ -134,7 +197,9 @@ fn measure_in(
     plausible(candidate, &first)?;
     let second = match surroundings {
         Surroundings::Open if hopeless(&first) => return judged(view, origin, &first, settings),
-        Surroundings::Open => second_fit(view, candidate, &first).ok_or("no ellipse can be fitted")?,
+        Surroundings::Open => {
+            second_fit(view, candidate, &first).ok_or("no ellipse can be fitted")?
+        }
         Surroundings::Rim => first,
     };
     plausible(candidate, &second)?;
@@ -149,13 +214,24 @@ fn hopeless(first: &Fit) -> bool {
 
 fn first_fit(view: &View, candidate: &Candidate, surroundings: Surroundings) -> Option<Fit> {
     let origin = candidate.ellipse.centre;
-    let ellipse = Ellipse { centre: Vector2::zeros(), ..candidate.ellipse };
+    let ellipse = Ellipse {
+        centre: Vector2::zeros(),
+        ..candidate.ellipse
+    };
     let guess = Profile::new(&ellipse, FIRST_BLUR, 0.0, 1.0);
     let (margin, guard, off_edge, freedom) = match surroundings {
         Surroundings::Open => (FIRST_MARGIN, 2.3, -1.5, Freedom::Even),
+        Surroundings::Rim if is_small(candidate) => {
+            (SMALL_RIM_MARGIN, SMALL_RIM_GUARD, -1.0, Freedom::Rimmed)
+        }
         Surroundings::Rim => (RIM_MARGIN, RIM_GUARD, -0.8, Freedom::Rimmed),
     };
-    let window = WindowSettings { origin, level: candidate.level, margin, guard };
+    let window = WindowSettings {
+        origin,
+        level: candidate.level,
+        margin,
+        guard,
+    };
     let pixels = pixels_of(view.image, &guess, &window);
     let (background, amplitude) = first_grey_values(&pixels, &guess, off_edge)?;
     let start = Profile::new(&ellipse, FIRST_BLUR, background, amplitude);
@@ -220,7 +296,9 @@ fn plausible(candidate: &Candidate, fit: &Fit) -> Result<(), String> {
         return Err("no ellipse can be fitted".into());
     };
     let areas = (found.major * found.minor) / (expected.major * expected.minor);
-    let moved = candidate.ellipse.level(candidate.ellipse.centre + ellipse.centre);
+    let moved = candidate
+        .ellipse
+        .level(candidate.ellipse.centre + ellipse.centre);
     if !(0.4..2.5).contains(&areas) || moved > 0.5 || fit.profile.amplitude() <= 0.0 {
         return Err("its outline is no ellipse".into());
     }
@@ -235,14 +313,24 @@ fn judged(
 ) -> Result<MeasuredDot, String> {
     let profile = &fit.profile;
     let local = profile.ellipse();
-    let ellipse = Ellipse { centre: origin + local.centre, ..local };
+    let ellipse = Ellipse {
+        centre: origin + local.centre,
+        ..local
+    };
     let axes = ellipse.axes().ok_or("no ellipse can be fitted")?;
     let contrast = profile.amplitude();
-    let misfit = (fit.dot_residual.powi(2) - view.noise.powi(2)).max(0.0).sqrt() / contrast;
+    let misfit = (fit.dot_residual.powi(2) - view.noise.powi(2))
+        .max(0.0)
+        .sqrt()
+        / contrast;
     let (major_px, minor_px) = (2.0 * axes.major, 2.0 * axes.minor);
     let reach = ellipse.half_extent().add_scalar(1.5 * profile.blur());
     let (low, high) = (ellipse.centre - reach, ellipse.centre + reach);
-    if low.x < 0.0 || low.y < 0.0 || high.x > view.image.width() as f64 || high.y > view.image.height() as f64 {
+    if low.x < 0.0
+        || low.y < 0.0
+        || high.x > view.image.width() as f64
+        || high.y > view.image.height() as f64
+    {
         return Err("cut off at the picture's border".into());
     }
     if major_px < settings.smallest_px {
@@ -252,16 +340,24 @@ fn judged(
         return Err(format!("too large: {major_px:.0} px"));
     }
     if minor_px < settings.least_axes_ratio * major_px {
-        return Err(format!("seen too obliquely: {major_px:.1} x {minor_px:.1} px"));
+        return Err(format!(
+            "seen too obliquely: {major_px:.1} x {minor_px:.1} px"
+        ));
     }
     if contrast < settings.least_signal_to_noise * view.noise {
-        return Err(format!("too faint: {contrast:.1} grey values over noise of {:.1}", view.noise));
+        return Err(format!(
+            "too faint: {contrast:.1} grey values over noise of {:.1}",
+            view.noise
+        ));
     }
     if profile.blur() > settings.largest_blur * (major_px * minor_px).sqrt() {
         return Err(format!("blurred: edge of {:.1} px", profile.blur()));
     }
     if misfit > settings.largest_misfit {
-        return Err(format!("partly covered or not round: misfit {:.0} % of its contrast", 100.0 * misfit));
+        return Err(format!(
+            "partly covered or not round: misfit {:.0} % of its contrast",
+            100.0 * misfit
+        ));
     }
     Ok(MeasuredDot {
         dot: Dot {
@@ -276,5 +372,6 @@ fn judged(
         ellipse,
         blur: profile.blur(),
         misfit,
+        standing: Standing::Firm,
     })
 }

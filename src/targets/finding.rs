@@ -16,8 +16,8 @@ pub(super) struct Candidate {
     pub(super) level: f64,
     /// Grey values over which the component keeps its shape.
     pub(super) contrast: f64,
-    /// Number of levels over which it does.
-    pub(super) levels: u32,
+    /// Whether it is one of the small bumps that bright texture is full of.
+    pub(super) is_bump: bool,
     /// Whether the component touches the picture's border.
     pub(super) at_border: bool,
 }
@@ -31,6 +31,8 @@ pub(super) struct CandidateSettings {
     pub(super) least_levels_small: u32,
     /// The same for components of few pixels that stand on something bright: texture makes small bumps everywhere.
     pub(super) least_levels_bump: u32,
+    /// From this number of levels on a bump counts as a dot by itself.
+    pub(super) firm_levels_bump: u32,
     /// Least area of the component half-way up, px.
     pub(super) least_area: f64,
     /// Largest area, px.
@@ -49,7 +51,12 @@ const LEAST_AXES_RATIO: f64 = 0.15;
 const LARGEST_LOSS: f64 = 0.65;
 
 /// All candidates, in the order of their components.
-pub(super) fn candidates(tree: &LevelTree, width: usize, height: usize, settings: &CandidateSettings) -> Vec<Candidate> {
+pub(super) fn candidates(
+    tree: &LevelTree,
+    width: usize,
+    height: usize,
+    settings: &CandidateSettings,
+) -> Vec<Candidate> {
     let nodes = &tree.nodes;
     let elliptic: Vec<bool> = nodes.iter().map(is_elliptic).collect();
     let largest_child = largest_children(nodes);
@@ -62,16 +69,23 @@ pub(super) fn candidates(tree: &LevelTree, width: usize, height: usize, settings
         let continued = nodes[slot].parent.filter(|&parent| {
             let keeps = f64::from(nodes[slot].area)
                 >= (1.0 - LARGEST_LOSS) * f64::from(nodes[parent as usize].area);
-            elliptic[parent as usize] && keeps && largest_child[parent as usize] == Some(slot as u32)
+            elliptic[parent as usize]
+                && keeps
+                && largest_child[parent as usize] == Some(slot as u32)
         });
-        let chain = continued.and_then(|parent| chain_of[parent as usize]).unwrap_or_else(|| {
-            chains.push(Vec::new());
-            chains.len() - 1
-        });
+        let chain = continued
+            .and_then(|parent| chain_of[parent as usize])
+            .unwrap_or_else(|| {
+                chains.push(Vec::new());
+                chains.len() - 1
+            });
         chain_of[slot] = Some(chain);
         chains[chain].push(slot as u32);
     }
-    chains.iter().filter_map(|chain| candidate(nodes, chain, width, height, settings)).collect()
+    chains
+        .iter()
+        .filter_map(|chain| candidate(nodes, chain, width, height, settings))
+        .collect()
 }
 
 fn largest_children(nodes: &[LevelNode]) -> Vec<Option<u32>> {
@@ -97,7 +111,11 @@ fn is_elliptic(node: &LevelNode) -> bool {
     let half_trace = 0.5 * (xx + yy);
     let root = (half_trace * half_trace - spread).max(0.0).sqrt();
     let axes_ratio = ((half_trace - root) / (half_trace + root)).max(0.0).sqrt();
-    let least = if node.area < SMALL_AREA { LEAST_FILL_SMALL } else { LEAST_FILL };
+    let least = if node.area < SMALL_AREA {
+        LEAST_FILL_SMALL
+    } else {
+        LEAST_FILL
+    };
     fill >= least && axes_ratio >= LEAST_AXES_RATIO
 }
 
@@ -136,7 +154,9 @@ fn candidate(
         ellipse: Ellipse::from_moments(Vector2::new(middle.x_px, middle.y_px), middle.moments)?,
         level: middle.level,
         contrast: last.level - first.level,
-        levels: chain.len() as u32,
+        is_bump: small
+            && first.parent.is_some()
+            && (chain.len() as u32) < settings.firm_levels_bump,
         at_border,
     })
 }

@@ -28,7 +28,9 @@ impl Freedom {
     }
 
     fn count(self) -> usize {
-        (0..PARAMETERS).filter(|&parameter| self.moves(parameter)).count()
+        (0..PARAMETERS)
+            .filter(|&parameter| self.moves(parameter))
+            .count()
     }
 }
 
@@ -58,7 +60,12 @@ struct Equations {
 
 /// Fits the profile to the pixels; `None` where no dot's profile can be fitted. Pixels at or above `clipping` only
 /// say that the dot is at least as bright.
-pub(super) fn fit(pixels: &[Pixel], start: Profile, freedom: Freedom, clipping: Option<f64>) -> Option<Fit> {
+pub(super) fn fit(
+    pixels: &[Pixel],
+    start: Profile,
+    freedom: Freedom,
+    clipping: Option<f64>,
+) -> Option<Fit> {
     let mut profile = start;
     let mut equations = build(pixels, &profile, freedom, clipping);
     let mut damping = 1e-3;
@@ -72,7 +79,10 @@ pub(super) fn fit(pixels: &[Pixel], start: Profile, freedom: Freedom, clipping: 
         let mut next = profile;
         next.parameters += step;
         next.parameters[BLUR] = next.parameters[BLUR].max(LEAST_BLUR);
-        let tried = next.ellipse().axes().map(|_| build(pixels, &next, freedom, clipping));
+        let tried = next
+            .ellipse()
+            .axes()
+            .map(|_| build(pixels, &next, freedom, clipping));
         match tried {
             Some(tried) if tried.cost <= equations.cost => {
                 let gain = equations.cost - tried.cost;
@@ -80,7 +90,9 @@ pub(super) fn fit(pixels: &[Pixel], start: Profile, freedom: Freedom, clipping: 
                 let small_gain = gain <= 1e-6 * tried.cost;
                 equations = tried;
                 damping *= 0.1;
-                if step[0].hypot(step[1]) < AT_REST || (small_gain && step[0].hypot(step[1]) < 10.0 * AT_REST) {
+                if step[0].hypot(step[1]) < AT_REST
+                    || (small_gain && step[0].hypot(step[1]) < 10.0 * AT_REST)
+                {
                     break;
                 }
             }
@@ -111,8 +123,17 @@ fn is_clipped(grey: f64, model: f64, clipping: Option<f64>) -> bool {
     clipping.is_some_and(|white| grey >= white && model >= white)
 }
 
-fn build(pixels: &[Pixel], profile: &Profile, freedom: Freedom, clipping: Option<f64>) -> Equations {
-    let end = if freedom == Freedom::Sloping { PARAMETERS } else { PARAMETERS - 2 };
+fn build(
+    pixels: &[Pixel],
+    profile: &Profile,
+    freedom: Freedom,
+    clipping: Option<f64>,
+) -> Equations {
+    let end = if freedom == Freedom::Sloping {
+        PARAMETERS
+    } else {
+        PARAMETERS - 2
+    };
     let mut normal = [[0.0; PARAMETERS]; PARAMETERS];
     let mut right = [0.0; PARAMETERS];
     let mut cost = 0.0;
@@ -127,8 +148,13 @@ fn build(pixels: &[Pixel], profile: &Profile, freedom: Freedom, clipping: Option
         for i in span.start..span.end.min(end) {
             let by_i = sample.derivatives[i];
             right[i] += by_i * misfit;
-            for j in span.start..=i {
-                normal[i][j] += by_i * sample.derivatives[j];
+            for (j, sum) in normal[i]
+                .iter_mut()
+                .enumerate()
+                .take(i + 1)
+                .skip(span.start)
+            {
+                *sum += by_i * sample.derivatives[j];
             }
         }
     }
@@ -140,7 +166,11 @@ fn build(pixels: &[Pixel], profile: &Profile, freedom: Freedom, clipping: Option
         }
     });
     let right = Parameters::from_fn(|i, _| if freedom.moves(i) { right[i] } else { 0.0 });
-    Equations { normal, right, cost }
+    Equations {
+        normal,
+        right,
+        cost,
+    }
 }
 
 /// The step of the damped equations, scaled to unit diagonal.
@@ -157,7 +187,10 @@ fn solve(equations: &Equations, damping: f64) -> Option<Parameters> {
 
 fn unit_scale(normal: &Normal) -> Option<Parameters> {
     let diagonal = normal.diagonal();
-    diagonal.iter().all(|&value| value > 0.0).then(|| diagonal.map(|value| value.sqrt().recip()))
+    diagonal
+        .iter()
+        .all(|&value| value > 0.0)
+        .then(|| diagonal.map(|value| value.sqrt().recip()))
 }
 
 /// How many times larger the variance of the centre is than independent residuals would make it, because they hang
@@ -244,7 +277,9 @@ fn statistics(
     }
     let even = (dot_squares / dot_redundancy).max(ROUNDING);
     let blended: f64 = (0..2)
-        .map(|axis| SHARE_BY_PLACE * variance[axis] + (1.0 - SHARE_BY_PLACE) * even * cofactor[(axis, axis)])
+        .map(|axis| {
+            SHARE_BY_PLACE * variance[axis] + (1.0 - SHARE_BY_PLACE) * even * cofactor[(axis, axis)]
+        })
         .sum();
     let mean = 0.5 * blended;
     Some(Fit {

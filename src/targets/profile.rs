@@ -94,7 +94,9 @@ impl Profile {
         let gradient = (gx * gx + gy * gy).sqrt();
         if gradient <= 0.0 {
             // The centre itself: as far inside as the mean radius.
-            return (p[2] * p[4] - p[3] * p[3]).max(f64::MIN_POSITIVE).powf(-0.25);
+            return (p[2] * p[4] - p[3] * p[3])
+                .max(f64::MIN_POSITIVE)
+                .powf(-0.25);
         }
         (square.sqrt() - square) / gradient
     }
@@ -135,10 +137,18 @@ impl Profile {
         let background = p[6] + p[7] * place.x + p[8] * place.y;
         let amplitude = p[9] + p[10] * place.x + p[11] * place.y;
         let distance = self.distance(place);
-        let curvature = if distance < -FLAT * p[BLUR] { 0.0 } else { self.curvature(place) };
+        let curvature = if distance < -FLAT * p[BLUR] {
+            0.0
+        } else {
+            self.curvature(place)
+        };
         let blurs = distance / p[BLUR] - 0.5 * p[BLUR] * curvature;
         if blurs < -FLAT {
-            return Sample { value: background, derivatives, zone: Zone::Outside };
+            return Sample {
+                value: background,
+                derivatives,
+                zone: Zone::Outside,
+            };
         }
         let share = normal_cdf(blurs);
         derivatives[9] = share;
@@ -146,16 +156,30 @@ impl Profile {
         derivatives[11] = share * place.y;
         let value = background + amplitude * share;
         if blurs > FLAT {
-            return Sample { value, derivatives, zone: Zone::Inside };
+            return Sample {
+                value,
+                derivatives,
+                zone: Zone::Inside,
+            };
         }
         let by_distance = amplitude * (-0.5 * blurs * blurs).exp() / ((2.0 * PI).sqrt() * p[BLUR]);
         self.derive_distance(place, distance, by_distance, &mut derivatives);
         derivatives[BLUR] = -by_distance * (distance / p[BLUR] + 0.5 * p[BLUR] * curvature);
-        Sample { value, derivatives, zone: Zone::Edge }
+        Sample {
+            value,
+            derivatives,
+            zone: Zone::Edge,
+        }
     }
 
     /// Derivatives of `d = (q - q^2) / G` with `q^2 = u^T M u` and `G = |M u|`, times `factor`.
-    fn derive_distance(&self, place: Vector2<f64>, distance: f64, factor: f64, derivatives: &mut Parameters) {
+    fn derive_distance(
+        &self,
+        place: Vector2<f64>,
+        distance: f64,
+        factor: f64,
+        derivatives: &mut Parameters,
+    ) {
         let p = &self.parameters;
         let (dx, dy) = (place.x - p[0], place.y - p[1]);
         let (gx, gy) = (p[2] * dx + p[3] * dy, p[3] * dx + p[4] * dy);
@@ -187,11 +211,25 @@ mod tests {
 
     #[test]
     fn derivatives_agree_with_differences() {
-        let axes = Axes { major: 5.0, minor: 2.5, angle: 0.7 };
-        let mut profile = Profile::new(&Ellipse::from_axes(Vector2::new(0.3, -0.2), axes), 0.9, 20.0, 130.0);
+        let axes = Axes {
+            major: 5.0,
+            minor: 2.5,
+            angle: 0.7,
+        };
+        let mut profile = Profile::new(
+            &Ellipse::from_axes(Vector2::new(0.3, -0.2), axes),
+            0.9,
+            20.0,
+            130.0,
+        );
         profile.parameters[7] = 0.4;
         profile.parameters[11] = -2.0;
-        for place in [Vector2::new(2.4, 1.1), Vector2::new(-4.0, -4.0), Vector2::new(0.8, -0.3), Vector2::new(0.5, 3.6)] {
+        for place in [
+            Vector2::new(2.4, 1.1),
+            Vector2::new(-4.0, -4.0),
+            Vector2::new(0.8, -0.3),
+            Vector2::new(0.5, 3.6),
+        ] {
             let analytic = profile.sample(place);
             let curvature = profile.curvature(place);
             assert!((analytic.value - profile.value(place)).abs() < 1e-9);
@@ -204,7 +242,10 @@ mod tests {
                 };
                 let difference = (at(1.0) - at(-1.0)) / (2.0 * step);
                 let scale = 1.0 + difference.abs();
-                assert!((analytic.derivatives[slot] - difference).abs() < 1e-5 * scale, "parameter {slot}");
+                assert!(
+                    (analytic.derivatives[slot] - difference).abs() < 1e-5 * scale,
+                    "parameter {slot}"
+                );
             }
         }
     }

@@ -33,22 +33,51 @@ pub(super) struct Exposure {
 
 impl Default for Exposure {
     fn default() -> Self {
-        Self { blur: 0.8, dark: 10.0, light: 150.0, slope: 0.0, noise: 2.0, depth: BitDepth::Eight, seed: 7 }
+        Self {
+            blur: 0.8,
+            dark: 10.0,
+            light: 150.0,
+            slope: 0.0,
+            noise: 2.0,
+            depth: BitDepth::Eight,
+            seed: 7,
+        }
     }
 }
 
 impl Canvas {
     pub(super) fn new(width: usize, height: usize) -> Self {
-        Self { width, height, fine: vec![0.0; width * height * FINE * FINE] }
+        Self {
+            width,
+            height,
+            fine: vec![0.0; width * height * FINE * FINE],
+        }
     }
 
     /// Makes `lightness` where `inside` holds, within `reach` px of a place.
-    pub(super) fn paint(&mut self, place: Vector2<f64>, reach: f64, lightness: f32, inside: impl Fn(Vector2<f64>) -> bool) {
-        self.cover(place, reach, lightness, |at| if inside(at) { 1.0 } else { 0.0 });
+    pub(super) fn paint(
+        &mut self,
+        place: Vector2<f64>,
+        reach: f64,
+        lightness: f32,
+        inside: impl Fn(Vector2<f64>) -> bool,
+    ) {
+        self.cover(
+            place,
+            reach,
+            lightness,
+            |at| if inside(at) { 1.0 } else { 0.0 },
+        );
     }
 
     /// Makes `lightness` to the share that is covered, within `reach` px of a place.
-    fn cover(&mut self, place: Vector2<f64>, reach: f64, lightness: f32, covered: impl Fn(Vector2<f64>) -> f64) {
+    fn cover(
+        &mut self,
+        place: Vector2<f64>,
+        reach: f64,
+        lightness: f32,
+        covered: impl Fn(Vector2<f64>) -> f64,
+    ) {
         let fine = FINE as f64;
         let range = |middle: f64, count: usize| {
             let first = ((middle - reach) * fine).floor().max(0.0) as usize;
@@ -83,22 +112,35 @@ impl Canvas {
                 let mut sum = 0.0;
                 for fine_row in row * FINE..(row + 1) * FINE {
                     let first = fine_row * self.width * FINE + column * FINE;
-                    sum += blurred[first..first + FINE].iter().map(|&v| f64::from(v)).sum::<f64>();
+                    sum += blurred[first..first + FINE]
+                        .iter()
+                        .map(|&v| f64::from(v))
+                        .sum::<f64>();
                 }
                 let share = sum / (FINE * FINE) as f64;
                 let gauss = (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
                 let ground = exposure.slope * column as f64 / self.width as f64;
-                let grey = exposure.dark + ground + (exposure.light - exposure.dark) * share + exposure.noise * gauss;
+                let grey = exposure.dark
+                    + ground
+                    + (exposure.light - exposure.dark) * share
+                    + exposure.noise * gauss;
                 samples.push(grey.round().clamp(0.0, white) as u16);
             }
         }
-        GreyImage::new(self.width as u32, self.height as u32, exposure.depth, samples).unwrap()
+        GreyImage::new(
+            self.width as u32,
+            self.height as u32,
+            exposure.depth,
+            samples,
+        )
+        .unwrap()
     }
 
     fn blurred(&self, sigma: f64) -> Vec<f32> {
         let reach = (4.0 * sigma).ceil() as isize;
-        let mut kernel: Vec<f32> =
-            (-reach..=reach).map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp() as f32).collect();
+        let mut kernel: Vec<f32> = (-reach..=reach)
+            .map(|k| (-0.5 * (k as f64 / sigma).powi(2)).exp() as f32)
+            .collect();
         let sum: f32 = kernel.iter().sum();
         kernel.iter_mut().for_each(|weight| *weight /= sum);
         let (width, height) = (self.width * FINE, self.height * FINE);
@@ -111,7 +153,9 @@ impl Canvas {
             for column in 0..width {
                 let value: f32 = (-reach..=reach)
                     .zip(&kernel)
-                    .map(|(k, weight)| weight * line[(column as isize + k).clamp(0, width as isize - 1) as usize])
+                    .map(|(k, weight)| {
+                        weight * line[(column as isize + k).clamp(0, width as isize - 1) as usize]
+                    })
                     .sum();
                 across[row * width + column] = value;
             }
@@ -139,7 +183,14 @@ pub(super) struct ObliqueView {
 impl ObliqueView {
     /// `radius` px where the target is seen at scale, tilted by `tilt` about a line in the direction `along`, after a
     /// turn by `turn` (counter-clockwise as seen), from `distance` radii away.
-    pub(super) fn new(centre: Vector2<f64>, radius: f64, turn: f64, tilt: f64, along: f64, distance: f64) -> Self {
+    pub(super) fn new(
+        centre: Vector2<f64>,
+        radius: f64,
+        turn: f64,
+        tilt: f64,
+        along: f64,
+        distance: f64,
+    ) -> Self {
         let z_turn = |angle: f64| nalgebra::Rotation3::from_axis_angle(&Vector3::z_axis(), angle);
         let tilt = nalgebra::Rotation3::from_axis_angle(&Vector3::x_axis(), tilt);
         let rotation = (z_turn(along) * tilt * z_turn(turn - along)).into_inner();
@@ -148,7 +199,9 @@ impl ObliqueView {
         // Rows of the picture run downwards, the camera looks along -z.
         let scale = radius * distance;
         let to_pixels = Matrix3::new(-scale, 0.0, centre.x, 0.0, scale, centre.y, 0.0, 0.0, 1.0);
-        Self { homography: to_pixels * pose }
+        Self {
+            homography: to_pixels * pose,
+        }
     }
 
     /// The centre of the image of the unit circle.
@@ -171,7 +224,8 @@ impl ObliqueView {
             let radius = plane.norm();
             let clockwise = (-plane.y).atan2(plane.x).rem_euclid(std::f64::consts::TAU);
             let segment = (clockwise / std::f64::consts::TAU * n) as u32;
-            let light = (bits >> (u32::from(segments) - 1 - segment.min(u32::from(segments) - 1))) & 1 == 1;
+            let light =
+                (bits >> (u32::from(segments) - 1 - segment.min(u32::from(segments) - 1))) & 1 == 1;
             radius < 1.0 || ((2.0..3.0).contains(&radius) && light)
         });
     }

@@ -49,7 +49,11 @@ const MIDDLE: f64 = 2.5;
 impl RingFrame {
     fn of_dot(dot: &MeasuredDot) -> Option<Self> {
         let axes = dot.ellipse.axes()?;
-        Some(Self { centre: dot.ellipse.centre, map: axes.frame(), shift: Vector2::zeros() })
+        Some(Self {
+            centre: dot.ellipse.centre,
+            map: axes.frame(),
+            shift: Vector2::zeros(),
+        })
     }
 
     fn place(&self, direction: f64, radius: f64) -> Vector2<f64> {
@@ -61,7 +65,9 @@ impl RingFrame {
 
     /// Radius of a place of the picture in radii of the dot; the shift is left out.
     pub(super) fn radius_at(&self, place: Vector2<f64>) -> f64 {
-        self.map.try_inverse().map_or(f64::INFINITY, |back| (back * (place - self.centre)).norm())
+        self.map
+            .try_inverse()
+            .map_or(f64::INFINITY, |back| (back * (place - self.centre)).norm())
     }
 }
 
@@ -135,21 +141,38 @@ fn refined(view: &View, dot: &MeasuredDot, frame: RingFrame) -> Option<RingFrame
     let map = frame.map * stretch;
     let shift = frame.shift + Vector2::new(by[3], by[4]) * MIDDLE;
     let plausible = by[0].abs() < 0.25 && by[1].hypot(by[2]) < 0.25 && shift.norm() < 0.5;
-    plausible.then_some(RingFrame { map, shift, ..frame })
+    plausible.then_some(RingFrame {
+        map,
+        shift,
+        ..frame
+    })
 }
 
 /// Radius half-way between the inner and the outer edge of the ring in a direction; `None` where it is not light or
 /// its edges are not seen.
-fn middle_of_ring(view: &View, dot: &MeasuredDot, frame: &RingFrame, direction: f64) -> Option<f64> {
+fn middle_of_ring(
+    view: &View,
+    dot: &MeasuredDot,
+    frame: &RingFrame,
+    direction: f64,
+) -> Option<f64> {
     const STEP: f64 = 0.1;
     const FIRST: f64 = 1.4;
     const COUNT: usize = 25;
     let mut shares = [0.0; COUNT];
     for (index, slot) in shares.iter_mut().enumerate() {
-        *slot = share(view, dot, frame.place(direction, FIRST + STEP * index as f64))?;
+        *slot = share(
+            view,
+            dot,
+            frame.place(direction, FIRST + STEP * index as f64),
+        )?;
     }
-    let (top, &most) =
-        shares.iter().enumerate().skip(7).take(9).max_by(|a, b| a.1.total_cmp(b.1))?;
+    let (top, &most) = shares
+        .iter()
+        .enumerate()
+        .skip(7)
+        .take(9)
+        .max_by(|a, b| a.1.total_cmp(b.1))?;
     if most < 0.35 {
         return None;
     }
@@ -158,7 +181,9 @@ fn middle_of_ring(view: &View, dot: &MeasuredDot, frame: &RingFrame, direction: 
         let part = (half - shares[below]) / (shares[above] - shares[below]);
         FIRST + STEP * (below as f64 + part * (above as f64 - below as f64))
     };
-    let inner = (1..=top).rev().find(|&i| shares[i] >= half && shares[i - 1] < half)?;
+    let inner = (1..=top)
+        .rev()
+        .find(|&i| shares[i] >= half && shares[i - 1] < half)?;
     let outer = (top..COUNT - 1).find(|&i| shares[i] >= half && shares[i + 1] < half)?;
     let (inner, outer) = (radius(inner - 1, inner), radius(outer + 1, outer));
     let width = outer - inner;
@@ -201,7 +226,13 @@ fn unroll(view: &View, dot: &MeasuredDot, frame: &RingFrame) -> Option<Unrolled>
         }
     }
     let (level, slope) = even_out(&mut shares)?;
-    Some(Unrolled { shares, gap, edged: edged / f64::max(light, 1.0), level, slope })
+    Some(Unrolled {
+        shares,
+        gap,
+        edged: edged / f64::max(light, 1.0),
+        level,
+        slope,
+    })
 }
 
 /// Divides by the light level, a plane fitted to what is light: shadows and flash fall off across a code. Returns its
@@ -260,10 +291,16 @@ fn decide(dot: &MeasuredDot, ring: &Unrolled, frame: &RingFrame, segments: &[u8]
     const LARGEST_EDGE_RMS: f64 = 0.16;
     const LARGEST_EDGE: f64 = 0.34;
     let changes = changes(&ring.shares);
-    let mut patterns: Vec<Pattern> =
-        segments.iter().filter_map(|&n| pattern(&ring.shares, &changes, n)).collect();
+    let mut patterns: Vec<Pattern> = segments
+        .iter()
+        .filter_map(|&n| pattern(&ring.shares, &changes, n))
+        .collect();
     patterns.retain(|p| p.edge_rms < LARGEST_EDGE_RMS && p.edge_largest < LARGEST_EDGE);
-    patterns.sort_by(|a, b| a.edge_rms.total_cmp(&b.edge_rms).then(a.segments.cmp(&b.segments)));
+    patterns.sort_by(|a, b| {
+        a.edge_rms
+            .total_cmp(&b.edge_rms)
+            .then(a.segments.cmp(&b.segments))
+    });
     let Some(best) = patterns.first() else {
         return RingOutcome::Plain;
     };
@@ -295,12 +332,19 @@ fn not_a_ring(dot: &MeasuredDot, ring: &Unrolled) -> Option<String> {
     // Half-way between the blurred edges of dot and ring, half a small radius from each, it is not quite dark.
     let blurs = 0.25 * dot.dot.minor_px / dot.blur.max(0.1);
     let unavoidable = 2.0 * (-0.7 * blurs * blurs).exp() * 0.5;
-    let light_gaps = ring.gap.iter().filter(|&&gap| gap > 0.3 + unavoidable).count();
+    let light_gaps = ring
+        .gap
+        .iter()
+        .filter(|&&gap| gap > 0.3 + unavoidable)
+        .count();
     if light_gaps * 20 > DIRECTIONS {
         return Some("no dark gap between dot and ring".into());
     }
     if !(darkest..lightest).contains(&ring.level) {
-        return Some(format!("ring is {:.0} % as light as its dot", 100.0 * ring.level));
+        return Some(format!(
+            "ring is {:.0} % as light as its dot",
+            100.0 * ring.level
+        ));
     }
     if ring.edged < 0.6 {
         return Some("the ring has no outer edge".into());
@@ -342,7 +386,9 @@ fn changes(shares: &[f64]) -> Vec<Change> {
             let (here, next) = (shares[index], shares[(index + 1) % count]);
             ((here > 0.5) != (next > 0.5)).then(|| {
                 let part = (0.5 - here) / (next - here);
-                Change { turn: (index as f64 + 0.5 + part) / count as f64 }
+                Change {
+                    turn: (index as f64 + 0.5 + part) / count as f64,
+                }
             })
         })
         .collect()
@@ -353,8 +399,12 @@ fn pattern(shares: &[f64], changes: &[Change], segments: u8) -> Option<Pattern> 
     if changes.is_empty() || changes.len() > segments as usize {
         return None;
     }
-    let phases = changes.iter().map(|change| std::f64::consts::TAU * n * change.turn);
-    let sum = phases.fold(Vector2::zeros(), |sum: Vector2<f64>, phase| sum + Vector2::new(phase.cos(), phase.sin()));
+    let phases = changes
+        .iter()
+        .map(|change| std::f64::consts::TAU * n * change.turn);
+    let sum = phases.fold(Vector2::zeros(), |sum: Vector2<f64>, phase| {
+        sum + Vector2::new(phase.cos(), phase.sin())
+    });
     let grid = sum.y.atan2(sum.x) / std::f64::consts::TAU;
     let off = |change: &Change| {
         let segment = change.turn * n - grid;

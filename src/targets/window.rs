@@ -40,10 +40,16 @@ enum Owner {
 
 /// The pixels of the dot and of the background round it, without its neighbours; empty where nothing bright lies at
 /// the dot's place.
-pub(super) fn pixels_of(image: &GreyImage, profile: &Profile, settings: &WindowSettings) -> Vec<Pixel> {
+pub(super) fn pixels_of(
+    image: &GreyImage,
+    profile: &Profile,
+    settings: &WindowSettings,
+) -> Vec<Pixel> {
     let ellipse = profile.ellipse();
     let centre = settings.origin + ellipse.centre;
-    let half = ellipse.half_extent().add_scalar(settings.margin + settings.guard + 1.0);
+    let half = ellipse
+        .half_extent()
+        .add_scalar(settings.margin + settings.guard + 1.0);
     let first = |value: f64| value.floor().max(0.0) as usize;
     let columns = first(centre.x - half.x)..(first(centre.x + half.x) + 1).min(image.width());
     let rows = first(centre.y - half.y)..(first(centre.y + half.y) + 1).min(image.height());
@@ -61,14 +67,23 @@ pub(super) fn pixels_of(image: &GreyImage, profile: &Profile, settings: &WindowS
         }
     }
     let place = |column: usize, row: usize| {
-        Vector2::new((columns.start + column) as f64 + 0.5, (rows.start + row) as f64 + 0.5) - settings.origin
+        Vector2::new(
+            (columns.start + column) as f64 + 0.5,
+            (rows.start + row) as f64 + 0.5,
+        ) - settings.origin
     };
-    flood_dot(&mut owners, width, |column, row| ellipse.level(place(column, row)));
+    flood_dot(&mut owners, width, |column, row| {
+        ellipse.level(place(column, row))
+    });
     guard_neighbours(&mut owners, width, settings.guard);
 
     let radius = ellipse.axes().map_or(0.0, |axes| axes.minor);
     let core = radius - CORE_BLURS * profile.blur();
-    let stride = if core > 0.0 { (core / CORE_PIXELS.sqrt() * 2.0).ceil() as usize } else { 1 };
+    let stride = if core > 0.0 {
+        (core / CORE_PIXELS.sqrt() * 2.0).ceil() as usize
+    } else {
+        1
+    };
     let mut pixels = Vec::new();
     for row in 0..rows.len() {
         for column in 0..width {
@@ -94,7 +109,9 @@ fn flood_dot(owners: &mut [Owner], width: usize, level: impl Fn(usize, usize) ->
     /// The dot's own pixels end here; what hangs together with it farther out is a neighbour that touches it.
     const OUTER: f64 = 1.6;
     let mut stack: Vec<usize> = (0..owners.len())
-        .filter(|&slot| owners[slot] == Owner::Neighbour && level(slot % width, slot / width) < INNER)
+        .filter(|&slot| {
+            owners[slot] == Owner::Neighbour && level(slot % width, slot / width) < INNER
+        })
         .collect();
     for &slot in &stack {
         owners[slot] = Owner::Dot;
@@ -118,7 +135,9 @@ fn flood_dot(owners: &mut [Owner], width: usize, level: impl Fn(usize, usize) ->
 
 /// Gives the neighbours the background within the guard distance, because their blurred edges reach there.
 fn guard_neighbours(owners: &mut [Owner], width: usize, guard: f64) {
-    let bright: Vec<usize> = (0..owners.len()).filter(|&slot| owners[slot] == Owner::Neighbour).collect();
+    let bright: Vec<usize> = (0..owners.len())
+        .filter(|&slot| owners[slot] == Owner::Neighbour)
+        .collect();
     let height = owners.len() / width;
     let reach = guard.ceil() as isize;
     for slot in bright {
@@ -126,7 +145,8 @@ fn guard_neighbours(owners: &mut [Owner], width: usize, guard: f64) {
             for dx in -reach..=reach {
                 let row = (slot / width) as isize + dy;
                 let column = (slot % width) as isize + dx;
-                let inside = row >= 0 && column >= 0 && (row as usize) < height && (column as usize) < width;
+                let inside =
+                    row >= 0 && column >= 0 && (row as usize) < height && (column as usize) < width;
                 if !inside || (dx * dx + dy * dy) as f64 > guard * guard {
                     continue;
                 }
