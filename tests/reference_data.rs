@@ -1,0 +1,140 @@
+//! Real photographs with known points. They are not part of the project: where they are absent, the tests say so.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use tiepoint::commands::measure;
+use tiepoint::geometry::Scale;
+use tiepoint::monitor::Monitor;
+use tiepoint::network::{Network, Stage};
+use tiepoint::project::files::{read_cameras, read_reference};
+use tiepoint::project::intake::{add_cameras, add_images};
+use tiepoint::project::session::Session;
+use tiepoint::report::{CompareSettings, compare};
+use tiepoint::targets::Family;
+
+/// The folder of a data set; `None`, with one line that says so, where it is absent.
+fn data(name: &str) -> Option<PathBuf> {
+    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
+    let folder = std::env::var_os("TIEPOINT_DATA")
+        .map_or(beside, PathBuf::from)
+        .join(name);
+    if folder.is_dir() {
+        return Some(folder);
+    }
+    eprintln!(
+        "not run: found no {}, expected the data set (TIEPOINT_DATA)",
+        folder.display()
+    );
+    None
+}
+
+/// The centres of codes that another program found, by image and number.
+fn published_centres(file: &Path) -> Vec<(String, u32, [f64; 2])> {
+    let text = std::fs::read_to_string(file).expect("the published centres");
+    text.lines()
+        .skip(1)
+        .map(|line| {
+            let fields: Vec<&str> = line.split(',').collect();
+            let number = |k: usize| fields[k].parse::<f64>().expect("a number");
+            (
+                fields[0].to_owned(),
+                number(1) as u32,
+                [number(2), number(3)],
+            )
+        })
+        .collect()
+}
+
+#[test]
+fn the_panel_of_known_points_is_measured_from_photographs() {
+    let Some(folder) = data("aicon-panel") else {
+        return;
+    };
+    let scratch = std::env::temp_dir().join(format!("tiepoint-panel-{}", std::process::id()));
+    std::fs::create_dir_all(&scratch).expect("a temporary folder");
+    let project = scratch.join("panel.tiepoint");
+
+    let mut network = Network::default();
+    std::sync::Arc::make_mut(&mut network.settings).families = vec![Family::Ring(14)];
+    add_cameras(
+        &mut network,
+        &read_cameras(&folder.join("camera.toml")).expect("a camera"),
+    );
+    add_images(&mut network, &scratch, &[folder.join("images")]).expect("images");
+    let mut session = Session::create(&project, network).expect("a project");
+    measure(&mut session, Stage::Adjust, &Monitor::new()).expect("a measurement");
+    let network = session.network().clone();
+    drop(session);
+    std::fs::remove_dir_all(&scratch).expect("the temporary folder");
+
+    assert_eq!(network.oriented_images().count(), 20);
+    compare_centres(
+        &network,
+        &published_centres(&folder.join("coded_observations_mmvii.csv")),
+    );
+
+    let reference = read_reference(&folder.join("points.csv")).expect("known points");
+    let settings = CompareSettings {
+        scale: Scale::Free,
+        ..CompareSettings::default()
+    };
+    let comparison = compare(&network, &reference, &settings).expect("common points");
+    assert_eq!(comparison.by_label.points, 73);
+    // The other program's centres reach 0.008 mm; the known points' own uncertainty is not stated.
+    for rms in [
+        comparison.by_label.rms_x_mm,
+        comparison.by_label.rms_y_mm,
+        comparison.by_label.rms_z_mm,
+    ] {
+        assert!(rms.is_some_and(|rms| rms <= 0.015), "{rms:?} mm");
+    }
+    assert!(
+        comparison.by_place.points >= 160,
+        "{} plain dots as points",
+        comparison.by_place.points
+    );
+}
+
+/// At least 1060 of 1086 codes with the same number, none with another, centres within 0.05 px rms.
+fn compare_centres(network: &Network, published: &[(String, u32, [f64; 2])]) {
+    let readings: BTreeMap<&str, Vec<(u32, [f64; 2])>> = network
+        .used_images()
+        .map(|(_, image)| {
+            let detections = image.detections.as_ref().expect("detections");
+            let codes = detections.codes.iter().map(|code| {
+                let centre = detections.dots[code.dots[0].slot()].centre_px;
+                (code.id, [centre.x, centre.y])
+            });
+            (
+                image.file.path.rsplit('/').next().expect("a name"),
+                codes.collect(),
+            )
+        })
+        .collect();
+    let mut same = 0;
+    let mut squares = 0.0;
+    let mut other = Vec::new();
+    for (image, number, centre) in published {
+        // A code is some 40 px wide: nothing else can lie this near to its centre.
+        let here = readings[image.as_str()]
+            .iter()
+            .find(|(_, c)| (c[0] - centre[0]).hypot(c[1] - centre[1]) < 5.0);
+        match here {
+            Some((found, c)) if found == number => {
+                same += 1;
+                squares += ((c[0] - centre[0]).powi(2) + (c[1] - centre[1]).powi(2)) / 2.0;
+            }
+            Some((found, _)) => other.push(format!("{image}: {found} is {number}")),
+            None => {}
+        }
+    }
+    let rms = (squares / f64::from(same)).sqrt();
+    eprintln!(
+        "{same} of {} codes with the same number, rms {rms:.4} px",
+        published.len()
+    );
+    assert_eq!(other, [] as [String; 0]);
+    assert!(same >= 1060, "{same} codes");
+    assert!(rms <= 0.05, "{rms} px");
+}
