@@ -79,13 +79,13 @@ fn a_small_job_of_few_pictures_is_measured() {
     for seed in [21, 22] {
         let (_, check) = measured(small_box(seed, Some(CrossPlan::default())));
         assert_nothing_wrong(&check);
-        assert_eq!(check.images_oriented, 12);
+        assert_eq!(check.images_oriented, 18);
         assert!(
             labelled_share(&check) >= PAPER_SHARE,
             "seed {seed}: {check:?}"
         );
-        // Pixels twice as large and a third of the rays: six times the paper's box at most.
-        assert!(check.rms_mm < 0.03, "seed {seed}: {} mm", check.rms_mm);
+        // Pixels twice as large and half the stations; the weakest targets have three flat rays.
+        assert!(check.rms_mm < 0.05, "seed {seed}: {} mm", check.rms_mm);
     }
 }
 

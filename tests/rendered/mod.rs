@@ -42,9 +42,9 @@ impl Pictures for Memory {
 pub(crate) fn small_box(seed: u64, cross: Option<CrossPlan>) -> Rendered {
     let settings = BoxSettings {
         seed,
-        stations: 12,
-        plain_targets: 60,
-        codes: 20,
+        stations: 18,
+        plain_targets: 80,
+        codes: 28,
         cross,
         width_px: 1536,
         height_px: 1024,
