@@ -132,7 +132,8 @@ pub fn add_cameras(network: &mut Network, files: &[CameraFile]) {
                 ..file.interior()
             },
         };
-        let known = file.principal_distance_mm.is_some();
+        // A principal distance in millimetres says nothing without the pitch.
+        let known = file.principal_distance_mm.is_some() && file.pixel_pitch_mm.is_some();
         add_camera(
             network,
             CameraEntry {
@@ -192,7 +193,9 @@ pub fn add_images(
     let from_files = changed.cameras.values().any(|c| c.exif_model.is_none());
     for candidate in &candidates {
         let camera = if from_files {
-            matching_camera(&changed, candidate)?
+            let camera = matching_camera(&changed, candidate)?;
+            complete_from_meta(changed.camera_mut(camera), candidate);
+            camera
         } else {
             camera_of_meta(&mut changed, candidate)
         };
@@ -437,11 +440,34 @@ fn matching_camera(network: &Network, candidate: &Candidate) -> Result<CameraId,
     }
 }
 
+/// Gives a camera whose file names no principal distance that of the picture's EXIF data, where they have one.
+fn complete_from_meta(entry: &mut CameraEntry, candidate: &Candidate) {
+    if entry.source != InteriorSource::Unknown || !has_focal_length(&candidate.meta) {
+        return;
+    }
+    let by_meta = camera_from_meta(&candidate.meta, candidate.width_px, candidate.height_px);
+    entry.nominal.pixel_pitch_mm = by_meta.pixel_pitch_mm;
+    entry.nominal.interior.principal_distance = by_meta.interior.principal_distance;
+    entry.camera = entry.nominal.clone();
+    entry.source = InteriorSource::Exif;
+}
+
+fn has_focal_length(meta: &PictureMeta) -> bool {
+    match (
+        meta.focal_length_mm,
+        meta.focal_length_35mm,
+        meta.pixel_pitch_mm,
+    ) {
+        (_, Some(focal_35), _) => focal_35 > 0.0,
+        (Some(focal), None, Some(_)) => focal > 0.0,
+        _ => false,
+    }
+}
+
 /// The camera that the picture's EXIF data describe, new where it is the first of its kind.
 fn camera_of_meta(network: &mut Network, candidate: &Candidate) -> CameraId {
     let nominal = camera_from_meta(&candidate.meta, candidate.width_px, candidate.height_px);
-    let known =
-        candidate.meta.focal_length_mm.is_some() || candidate.meta.focal_length_35mm.is_some();
+    let known = has_focal_length(&candidate.meta);
     let model = candidate
         .meta
         .model

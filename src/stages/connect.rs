@@ -73,11 +73,13 @@ pub(super) fn run(network: &mut Network, id: ImageId, monitor: &Monitor) -> Resu
     task.step()?;
     intersect_new_points(network);
     task.step()?;
-    update(network, monitor)
+    update(network, monitor)?;
+    Ok(())
 }
 
 /// A bundle update of all that is connected: the lens held near its nominal values, gross errors left out for this time.
-pub(super) fn update(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> {
+/// Returns the rms residual, px.
+pub(super) fn update(network: &mut Network, monitor: &Monitor) -> Result<f64, Halt> {
     restore_rejected(network);
     let images = network.oriented_images().count();
     let bundle = Bundle::assemble(
@@ -86,7 +88,7 @@ pub(super) fn update(network: &mut Network, monitor: &Monitor) -> Result<(), Hal
         DatumPoints::All,
     );
     if bundle.is_empty() {
-        return Ok(());
+        return Ok(0.0);
     }
     let settings = RejectionSettings {
         critical: network.settings.critical_w,
@@ -100,7 +102,7 @@ pub(super) fn update(network: &mut Network, monitor: &Monitor) -> Result<(), Hal
         .map_err(adjust::halt)?;
     bundle.write_back(network, &robust.adjustment);
     apply_scale(network);
-    Ok(())
+    Ok(robust.adjustment.rms_px)
 }
 
 /// Codes whose dots miss the resection by far are wrong readings here: their names are taken away.

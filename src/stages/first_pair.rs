@@ -10,7 +10,7 @@ use super::connect::update;
 use super::device::{DeviceView, device_views, label_device};
 use super::resection::intersect_new_points;
 use super::scale::apply_scale;
-use super::{Halt, StageError};
+use super::{Halt, StageError, distance_search};
 use crate::camera::Camera;
 use crate::geometry::Pose;
 use crate::monitor::Monitor;
@@ -50,8 +50,14 @@ struct Start {
     score: f64,
 }
 
-/// Orients the first pair: candidates in the order of their score, the first one that makes a network.
+/// Orients the first pair; a principal distance that nobody knows is searched before.
 pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> {
+    distance_search::run(network, monitor)?;
+    orient(network, monitor)
+}
+
+/// Orients the first pair: candidates in the order of their score, the first one that makes a network.
+pub(super) fn orient(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> {
     let with_targets: Vec<(ImageId, &ImageEntry)> = network
         .used_images()
         .filter(|(_, image)| {
@@ -219,7 +225,7 @@ fn starts_from_codes(network: &Network, monitor: &Monitor) -> Result<Vec<Start>,
         .par_iter()
         .map(|pair| {
             task.step()?;
-            Ok(orient(network, pair))
+            Ok(orient_pair(network, pair))
         })
         .collect::<Result<_, Halt>>()?;
     let mut starts: Vec<Start> = oriented.into_iter().flatten().collect();
@@ -271,7 +277,7 @@ fn common_dots(first: &ImageEntry, second: &ImageEntry) -> Vec<[DotIndex; 2]> {
 
 /// The relative orientations of a pair at the tightest tolerance at which most dots agree; on flat scenes there may be
 /// two, of which the network decides.
-fn orient(network: &Network, pair: &CommonPair) -> Vec<Start> {
+fn orient_pair(network: &Network, pair: &CommonPair) -> Vec<Start> {
     let entries = pair.images.map(|id| &network.images[&id]);
     let [Some(first), Some(second)] = entries.map(|entry| entry.detections.as_ref()) else {
         return Vec::new();

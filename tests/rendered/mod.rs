@@ -93,18 +93,27 @@ pub(crate) fn ring_panel(seed: u64, family: Family) -> Rendered {
 }
 
 fn of_experiment(experiment: &Experiment, seed: u64, family: Family) -> Rendered {
+    of_experiment_with(experiment, seed, family, &RenderSettings::default())
+}
+
+/// A network of all pictures of an experiment, with what a user would know.
+pub(crate) fn of_experiment_with(
+    experiment: &Experiment,
+    seed: u64,
+    family: Family,
+    settings: &RenderSettings,
+) -> Rendered {
     let pictures: BTreeMap<String, GreyImage> = experiment
         .stations
         .par_iter()
         .enumerate()
         .map(|(index, station)| {
             let noise_seed = seed * 1000 + index as u64;
-            let settings = RenderSettings::default();
             let picture = render(
                 &experiment.scene,
                 &experiment.camera,
                 &station.pose,
-                &settings,
+                settings,
                 noise_seed,
             );
             let grey = picture.image.iter().map(|&g| u16::from(g)).collect();
