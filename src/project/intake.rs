@@ -351,7 +351,8 @@ fn examine(path: &Path, folder: &Path) -> Result<Candidate, IntakeError> {
     })
 }
 
-fn hash(path: &Path) -> io::Result<(u64, String)> {
+/// Size in bytes and SHA-256 (hexadecimal) of a file.
+pub(super) fn hash(path: &Path) -> io::Result<(u64, String)> {
     let mut file = File::open(path)?;
     let mut hasher = Sha256::new();
     let mut buffer = vec![0; 1 << 16];
