@@ -23,7 +23,7 @@ pub use compare::{
     Agreement, CompareError, CompareSettings, Comparison, Counterpart, Difference, ReferencePoint,
     compare,
 };
-pub use connectivity::{connectivity_findings, connectivity_table};
+pub use connectivity::connectivity_table;
 pub use csv_text::csv_text;
 pub use detect::{DetectReport, detect_line};
 pub use export::{NoFigures, export_cameras, export_observations, export_points, export_stations};

@@ -1,18 +1,20 @@
 //! Connecting images one by one: resection, intersection of new points, bundle update.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use super::bundle::{Bundle, DatumPoints, restore_rejected};
-use super::identify::set_code_aside;
+use super::bundle::{Bundle, DatumPoints, adjust_what_holds, known_points, restore_rejected};
 use super::lens::LensFreedom;
 use super::resection::{KnownRay, intersect_new_points, known_rays, resect};
-use super::scale::apply_scale;
+use super::scale::apply_frame;
+use super::set_aside::{OFF_ITS_PLACE, codes_set_aside, set_code_aside};
 use super::{Halt, adjust};
-use crate::adjustment::{BundleSettings, RejectionSettings, adjust_with_rejection};
+use crate::adjustment::BundleSettings;
 use crate::monitor::Monitor;
 use crate::network::{
-    About, Attempt, Finding, FindingKind, ImageEntry, ImageId, Network, PointId, Stage, Station,
+    About, Attempt, Finding, FindingKind, ImageId, Network, PointId, Stage, Station,
 };
+use crate::targets::Family;
 
 /// Fewest known points that orient an image: three give up to four poses, the fourth decides.
 const POINTS_TO_CONNECT: usize = 4;
@@ -37,18 +39,12 @@ pub(super) fn next(network: &Network) -> Option<ImageId> {
         .map(|(_, id, _)| id)
 }
 
-fn known_points(network: &Network, image: &ImageEntry) -> usize {
-    image
-        .used_labels()
-        .filter(|(_, label)| network.points.contains_key(&label.point))
-        .count()
-}
-
 /// Connects one image, or records why it cannot be connected now.
 pub(super) fn run(network: &mut Network, id: ImageId, monitor: &Monitor) -> Result<(), Halt> {
     let task = monitor.task(format!("connecting {}", network.images[&id].file.path), 3);
     task.step()?;
     let rays = known_rays(network, id);
+    let before = network.clone();
     match resect(network, id, &rays) {
         Err(reason) => {
             let attempt = Attempt {
@@ -60,7 +56,7 @@ pub(super) fn run(network: &mut Network, id: ImageId, monitor: &Monitor) -> Resu
             return Ok(());
         }
         Ok(resection) => {
-            set_misfits_aside(network, id, &rays, &resection.misfits);
+            settle_misfits(network, id, &rays, &resection.misfits);
             let image = network.image_mut(id);
             image.station = Some(Station {
                 pose: resection.pose,
@@ -73,76 +69,83 @@ pub(super) fn run(network: &mut Network, id: ImageId, monitor: &Monitor) -> Resu
     task.step()?;
     intersect_new_points(network);
     task.step()?;
-    update(network, monitor)
+    match update(network, monitor) {
+        // The others were adjusted without it before: it is this image that they cannot be adjusted with.
+        Err(Halt::Failed(error)) => {
+            *network = before;
+            network.image_mut(id).attempt = Some(Attempt {
+                basis: network.inputs,
+                known_points: rays.len(),
+                reason: error.to_string(),
+            });
+            Ok(())
+        }
+        other => other,
+    }
 }
 
 /// A bundle update of all that is connected: the lens held near its nominal values, gross errors left out for this time.
 pub(super) fn update(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> {
     restore_rejected(network);
-    let images = network.oriented_images().count();
-    let bundle = Bundle::assemble(
-        network,
-        LensFreedom::Provisional { images },
-        DatumPoints::All,
-    );
-    if bundle.is_empty() {
+    apply_frame(network);
+    let held = |network: &Network| {
+        let images = network.oriented_images().count();
+        Bundle::assemble(
+            network,
+            LensFreedom::Provisional { images },
+            DatumPoints::All,
+        )
+    };
+    if held(network).is_empty() {
         return Ok(());
     }
-    let settings = RejectionSettings {
-        critical: network.settings.critical_w,
-        ..RejectionSettings::default()
-    };
-    let bundle_settings = BundleSettings {
+    let settings = BundleSettings {
         convergence: UPDATE_CONVERGENCE,
         ..BundleSettings::default()
     };
-    let robust = adjust_with_rejection(&bundle.problem, bundle_settings, &settings, monitor)
-        .map_err(adjust::halt)?;
+    let (bundle, robust) =
+        adjust_what_holds(network, held, settings, monitor).map_err(adjust::halt)?;
     bundle.write_back(network, &robust.adjustment);
-    apply_scale(network);
+    if !bundle.stands_on_control() {
+        apply_frame(network);
+    }
     Ok(())
 }
 
-/// Codes whose dots miss the resection by far are wrong readings here: their names are taken away.
-fn set_misfits_aside(network: &mut Network, id: ImageId, rays: &[KnownRay], misfits: &[usize]) {
-    let codes: std::collections::BTreeSet<_> = misfits
+/// Codes whose dots miss the resection by far: where three or more images agree on the code, its reading is wrong here
+/// and its names are taken away; where only two do, either may be wrong, and the code is intersected anew with this
+/// image as judge.
+fn settle_misfits(network: &mut Network, id: ImageId, rays: &[KnownRay], misfits: &[usize]) {
+    let codes: BTreeSet<(Family, u32)> = misfits
         .iter()
-        .filter_map(|&index| match rays[index].point {
-            PointId::Code { family, code, .. } => Some((family, code)),
-            PointId::Device(_) | PointId::Target(_) => None,
-        })
+        .filter_map(|&index| rays[index].point.code())
         .collect();
     for (family, code) in codes {
-        let of_code = |ray: &KnownRay| matches!(ray.point, PointId::Code { family: f, code: c, .. } if (f, c) == (family, code));
+        let of_code = |ray: &KnownRay| ray.point.code() == Some((family, code));
         let all = rays.iter().filter(|ray| of_code(ray)).count();
         let missed = misfits
             .iter()
             .filter(|&&index| of_code(&rays[index]))
             .count();
-        if 2 * missed > all {
-            let path = network.images[&id].file.path.clone();
-            let label = family.code_label(code);
-            set_code_aside(
-                network.image_mut(id),
-                family,
-                code,
-                "it does not lie where the other codes put it",
-            );
-            network.note(Finding {
-                stage: Stage::Connect,
-                kind: FindingKind::DoubtfulCode,
-                about: About::Image(id),
-                text: format!(
-                    "{path}: {label} does not lie where the other codes put it; set aside"
-                ),
-            });
+        if 2 * missed <= all {
+            continue;
+        }
+        let agreeing = PointId::of_code(family, code)
+            .iter()
+            .filter_map(|point| Some(network.points.get(point)?.rays))
+            .max();
+        if agreeing.is_some_and(|rays| rays <= 2) {
+            Arc::make_mut(&mut network.points)
+                .retain(|point, _| point.code() != Some((family, code)));
+        } else {
+            set_code_aside(network.image_mut(id), family, code, OFF_ITS_PLACE);
         }
     }
 }
 
-/// The images that could not be connected, each with its reason.
+/// The images that could not be connected and the readings set aside, each with its reason.
 pub(super) fn findings(network: &Network) -> Vec<Finding> {
-    network
+    let unconnected = network
         .used_images()
         .filter(|(_, image)| image.station.is_none() && image.unreadable.is_none())
         .map(|(id, image)| {
@@ -159,6 +162,8 @@ pub(super) fn findings(network: &Network) -> Vec<Finding> {
                 about: About::Image(id),
                 text: format!("{}: not connected: {reason}", image.file.path),
             }
-        })
+        });
+    unconnected
+        .chain(codes_set_aside(network, Stage::Connect, OFF_ITS_PLACE))
         .collect()
 }

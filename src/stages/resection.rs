@@ -311,9 +311,35 @@ impl Sight {
     }
 }
 
+/// The rays that pass a place.
+struct Meeting {
+    rays: Vec<Ray>,
+    /// Sum of their squared misses, px^2.
+    misses: f64,
+}
+
+impl Meeting {
+    fn of(sights: &[Sight], place: &Vector3<f64>, limit_px: f64) -> Self {
+        let passing = sights
+            .iter()
+            .map(|sight| (sight.ray, sight.miss_px(place)))
+            .filter(|(_, miss)| *miss < limit_px);
+        Self {
+            misses: passing.clone().map(|(_, miss)| miss * miss).sum(),
+            rays: passing.map(|(ray, _)| ray).collect(),
+        }
+    }
+
+    /// More rays, or as many that pass nearer: two rays of different targets may meet by accident.
+    fn is_better(&self, other: &Self) -> bool {
+        let rays = self.rays.len().cmp(&other.rays.len());
+        rays.then(other.misses.total_cmp(&self.misses)).is_gt()
+    }
+}
+
 /// The intersection that most rays agree on: more than half of them, at least two, not nearly parallel.
 fn meet(sights: &[Sight], limit_px: f64) -> Option<Vector3<f64>> {
-    let mut best: Option<(usize, Vec<Ray>)> = None;
+    let mut best: Option<Meeting> = None;
     for (index, first) in sights.iter().enumerate() {
         for second in &sights[index + 1..] {
             let angle = first.ray.angle(&second.ray);
@@ -323,23 +349,15 @@ fn meet(sights: &[Sight], limit_px: f64) -> Option<Vector3<f64>> {
             let Ok(pair) = intersect_rays(&[first.ray, second.ray]) else {
                 continue;
             };
-            let agreeing: Vec<Ray> = sights
-                .iter()
-                .filter(|s| s.miss_px(&pair.point) < limit_px)
-                .map(|s| s.ray)
-                .collect();
-            let both = first.miss_px(&pair.point).max(second.miss_px(&pair.point)) < limit_px;
-            if both
-                && best
-                    .as_ref()
-                    .is_none_or(|(count, _)| agreeing.len() > *count)
-            {
-                best = Some((agreeing.len(), agreeing));
+            let both = first.miss_px(&pair.point).max(second.miss_px(&pair.point));
+            let meeting = Meeting::of(sights, &pair.point, limit_px);
+            if both < limit_px && best.as_ref().is_none_or(|b| meeting.is_better(b)) {
+                best = Some(meeting);
             }
         }
     }
-    let (count, rays) = best?;
-    (2 * count > sights.len())
+    let rays = best?.rays;
+    (2 * rays.len() > sights.len())
         .then(|| intersect_rays(&rays).ok())
         .flatten()
         .map(|found| found.point)
