@@ -1,8 +1,8 @@
 //! What leaves the program: tables, CSV, TOML, JSON.
 //!
-//! Everything is made from a [`crate::network::Network`] as a text or as a value to serialise, and only [`write_file`] touches the disk. Numbers
-//! name their unit in the header. No stale number passes for a fresh one: what is derived from an adjustment is refused
-//! where the adjustment is older than its inputs ([`NoFigures`]).
+//! Everything is made from a [`crate::network::Network`] as a text or as a value to serialise, and only [`write_file`]
+//! touches the disk. Numbers name their unit in the header. No stale number passes for a fresh one: what is derived
+//! from an adjustment is refused where the adjustment is older than its inputs ([`NoFigures`]).
 
 mod camera_file;
 mod codes;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::bundle::{Bundle, DatumPoints, adjust_what_holds, restore_rejected};
 use super::code_shape::CodeShapes;
-use super::lens::LensFreedom;
+use super::lens::{IMAGES_FOR_ALL, LensFreedom, images_of_cameras};
 use super::scale::{align_to_control, apply_frame, bars_in_reach};
 use super::set_aside::{OF_OTHER_SHAPE, codes_set_aside, set_code_aside};
 use super::{Halt, StageError};
@@ -13,9 +13,6 @@ use crate::adjustment::{AdjustmentError, BundleSettings};
 use crate::monitor::Monitor;
 use crate::network::{About, Finding, FindingKind, ImageId, Network, PointId, Stage, Standing};
 use crate::targets::Family;
-
-/// Fewest images on which a lens is calibrated; fewer cannot tell its parameters from their orientations.
-const IMAGES_TO_CALIBRATE: usize = 6;
 
 /// Share of a code's dots that must be rejected for its reading to be set aside.
 const SHARE_TO_SET_ASIDE: f64 = 0.5;
@@ -50,24 +47,18 @@ pub(super) fn adjust(network: &mut Network, stage: Stage, monitor: &Monitor) -> 
         Stage::Adjust => DatumPoints::Targets,
         _ => DatumPoints::All,
     };
-    let held = |network: &Network| {
-        let images = network.oriented_images().count();
-        Bundle::assemble(network, LensFreedom::Provisional { images }, datum)
-    };
-    let calibrated = |network: &Network| {
-        if network.oriented_images().count() >= IMAGES_TO_CALIBRATE {
-            Bundle::assemble(network, LensFreedom::Free, datum)
-        } else {
-            held(network)
-        }
-    };
+    let calibrated = |network: &Network| Bundle::assemble(network, LensFreedom::Free, datum);
+    let held = |network: &Network| Bundle::assemble(network, LensFreedom::Provisional, datum);
+    let any_calibrated = images_of_cameras(network)
+        .values()
+        .any(|images| *images >= IMAGES_FOR_ALL);
     let loose_lens =
         |finding: &Finding| (finding.stage, finding.kind) == (stage, FindingKind::Camera);
     Arc::make_mut(&mut network.findings).retain(|finding| !loose_lens(finding));
     let settings = BundleSettings::default();
     let (bundle, robust) = match adjust_what_holds(network, calibrated, settings, monitor) {
         Err(AdjustmentError::RankDefect { .. } | AdjustmentError::NotConverged(_))
-            if network.oriented_images().count() >= IMAGES_TO_CALIBRATE =>
+            if any_calibrated =>
         {
             network.note(Finding {
                 stage,

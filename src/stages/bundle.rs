@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use super::lens::{LensFreedom, parameter_states};
+use super::lens::{LensFreedom, images_of_cameras, parameter_states};
 use super::scale::{bars_in_reach, scale_source};
 use crate::adjustment::{
     Adjustment, AdjustmentError, BundleProblem, BundleSettings, CameraBlock, CoordinatePrior,
@@ -68,12 +68,8 @@ impl Bundle {
             .enumerate()
             .map(|(index, id)| (*id, index))
             .collect();
-        let cameras: Vec<CameraId> = network
-            .oriented_images()
-            .map(|(_, image, _)| image.camera)
-            .collect::<BTreeSet<_>>()
-            .into_iter()
-            .collect();
+        let images_of_camera = images_of_cameras(network);
+        let cameras: Vec<CameraId> = images_of_camera.keys().copied().collect();
         let camera_index = |id: CameraId| cameras.iter().position(|c| *c == id).unwrap_or_default();
 
         let mut images = Vec::new();
@@ -140,7 +136,7 @@ impl Bundle {
                     let entry = &network.cameras[id];
                     CameraBlock {
                         camera: entry.camera.clone(),
-                        parameters: parameter_states(entry, freedom),
+                        parameters: parameter_states(entry, freedom, images_of_camera[id]),
                     }
                 })
                 .collect(),

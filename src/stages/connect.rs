@@ -88,14 +88,8 @@ pub(super) fn run(network: &mut Network, id: ImageId, monitor: &Monitor) -> Resu
 pub(super) fn update(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> {
     restore_rejected(network);
     apply_frame(network);
-    let held = |network: &Network| {
-        let images = network.oriented_images().count();
-        Bundle::assemble(
-            network,
-            LensFreedom::Provisional { images },
-            DatumPoints::All,
-        )
-    };
+    let held =
+        |network: &Network| Bundle::assemble(network, LensFreedom::Provisional, DatumPoints::All);
     if held(network).is_empty() {
         return Ok(());
     }

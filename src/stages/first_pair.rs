@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use super::connect::update;
 use super::device::{DeviceView, device_views, label_device};
+use super::distance_search;
 use super::resection::intersect_new_points;
 use super::scale::apply_frame;
 use super::{Halt, StageError};
@@ -53,8 +54,16 @@ struct Start {
     score: f64,
 }
 
-/// Orients the first pair: candidates in the order of their score, the first one that makes a network.
+/// Orients the first pair, with a searched principal distance where none was stated.
 pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> {
+    if distance_search::is_needed(network) {
+        distance_search::run(network, monitor)?;
+    }
+    orient(network, monitor)
+}
+
+/// Orients the first pair: candidates in the order of their score, the first one that makes a network.
+pub(super) fn orient(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> {
     let with_targets: Vec<(ImageId, &ImageEntry)> = network
         .used_images()
         .filter(|(_, image)| {
@@ -195,7 +204,7 @@ pub(super) fn findings(network: &Network) -> Vec<Finding> {
             kind: FindingKind::Camera,
             about: About::Camera(camera.name.clone()),
             text: format!(
-                "camera '{}': no principal distance in a camera file or the images; started from {:.1} mm",
+                "camera '{}': no principal distance in a camera file or the images; searched, and started from {:.1} mm",
                 camera.name, camera.nominal.interior.principal_distance
             ),
         })
@@ -249,7 +258,7 @@ fn starts_from_codes(network: &Network, monitor: &Monitor) -> Result<Vec<Start>,
         .par_iter()
         .map(|pair| {
             task.step()?;
-            Ok(orient(network, pair))
+            Ok(orient_pair(network, pair))
         })
         .collect::<Result<_, Halt>>()?;
     let mut starts: Vec<Start> = oriented.into_iter().flatten().collect();
@@ -301,7 +310,7 @@ fn common_dots(first: &ImageEntry, second: &ImageEntry) -> Vec<[DotIndex; 2]> {
 
 /// The relative orientations of a pair at the tightest tolerance at which most dots agree; on flat scenes there may be
 /// two, of which the network decides.
-fn orient(network: &Network, pair: &CommonPair) -> Vec<Start> {
+fn orient_pair(network: &Network, pair: &CommonPair) -> Vec<Start> {
     let entries = pair.images.map(|id| &network.images[&id]);
     let [Some(first), Some(second)] = entries.map(|entry| entry.detections.as_ref()) else {
         return Vec::new();

@@ -12,6 +12,7 @@ mod code_shape;
 mod connect;
 mod detect;
 mod device;
+mod distance_search;
 mod first_pair;
 mod identify;
 mod lens;

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use nalgebra::{Vector2, Vector3};
 
+use super::lens::{IMAGES_FOR_ALL, images_of_cameras};
 use crate::camera::Camera;
 use crate::geometry::{Pose, Ray, intersect_rays};
 use crate::network::{CodeDot, ImageId, Network, Point, PointId};
@@ -20,8 +21,11 @@ const TOLERANCES_PX: [f64; 4] = [2.0, 5.0, 12.0, 25.0];
 /// Share of the known points that must agree with a pose.
 const SHARE_TO_AGREE: f64 = 0.6;
 
-/// Images after which the lens is known well enough for the tighter limits below.
-const IMAGES_TO_TRUST_LENS: usize = 6;
+/// A dot farther off than so many tolerances does not take part in the refinement.
+const FAR_OFF: f64 = 4.0;
+
+/// Refinements without the dots that the one before found far off.
+const TRIMMINGS: usize = 3;
 
 /// A code whose dots miss their predicted places by more is a wrong reading, px: with a nominal lens, and with a
 /// calibrated one.
@@ -51,8 +55,10 @@ pub(super) struct FoundPose {
     pub(super) misfits: Vec<usize>,
 }
 
+/// The second of the limits where enough images have calibrated the lenses of all cameras that took part so far.
 fn lens_limit(network: &Network, limits: [f64; 2]) -> f64 {
-    let known = network.connection_order.len() >= IMAGES_TO_TRUST_LENS;
+    let images = images_of_cameras(network);
+    let known = !images.is_empty() && images.values().all(|images| *images >= IMAGES_FOR_ALL);
     limits[usize::from(known)]
 }
 
@@ -93,6 +99,12 @@ pub(super) fn resect(
     let camera = &network.camera_of(&network.images[&id]).camera;
     let observations: Vec<PoseObservation> = rays.iter().map(|ray| ray.observation).collect();
     let needed = ((SHARE_TO_AGREE * rays.len() as f64).ceil() as usize).max(4);
+    let camera_known = images_of_cameras(network).contains_key(&network.images[&id].camera);
+    let misfit_limit = if camera_known {
+        lens_limit(network, MISFIT_PX)
+    } else {
+        MISFIT_PX[0]
+    };
     let start = similarity_start(network, camera, rays);
     let mut reason = String::new();
     for tolerance_px in TOLERANCES_PX {
@@ -108,7 +120,7 @@ pub(super) fn resect(
                 }
             },
         };
-        let limit = lens_limit(network, MISFIT_PX).max(3.0 * tolerance_px);
+        let limit = misfit_limit.max(3.0 * tolerance_px);
         let misfits = (0..rays.len())
             .filter(|&index| {
                 residual_px(camera, &pose, &observations[index]).is_none_or(|r| r > limit)
@@ -174,7 +186,19 @@ fn refine_within(
         loss: Loss::Huber(1.5),
         ..RefineSettings::default()
     };
-    let pose = refine_pose(camera, &alike, start, &settings).ok()?.pose;
+    let mut pose = refine_pose(camera, &alike, start, &settings).ok()?.pose;
+    // Bounded weights still let a code read wrongly pull; without the dots that are far off nothing pulls.
+    for _ in 0..TRIMMINGS {
+        let near: Vec<PoseObservation> = alike
+            .iter()
+            .filter(|o| residual_px(camera, &pose, o).is_some_and(|r| r < FAR_OFF * tolerance_px))
+            .copied()
+            .collect();
+        if near.len() == alike.len() {
+            break;
+        }
+        pose = refine_pose(camera, &near, &pose, &settings).ok()?.pose;
+    }
     let agreeing = observations
         .iter()
         .filter(|o| residual_px(camera, &pose, o).is_some_and(|r| r < tolerance_px))

@@ -99,7 +99,7 @@ fn two_cameras_are_calibrated_apart() {
         network.image_mut(ImageId(number)).camera = CameraId(2);
     }
     let network = run(network, Stage::AdjustCodes);
-    assert_eq!(oriented(&network), 14);
+    assert_eq!(oriented(&network), 14, "{:?}", texts(&network.findings));
     assert!(largest_error(&network, &experiment) < TOLERANCE_MM);
     assert_eq!(network.adjustment.unwrap().cameras.len(), 2);
 }
@@ -145,7 +145,12 @@ fn a_wrong_reading_in_one_image_spoils_nothing() {
             detections.codes[2].id = other;
         });
         let network = run(network, Stage::AdjustCodes);
-        assert_eq!(oriented(&network), 8, "image {wrong}");
+        assert_eq!(
+            oriented(&network),
+            8,
+            "image {wrong}: {:?}",
+            texts(&network.findings)
+        );
         let error = largest_error(&network, &experiment);
         assert!(error < TOLERANCE_MM, "image {wrong}: {error}");
         let told = texts(&network.findings);

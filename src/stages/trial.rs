@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::Vector2;
 
 use super::detect::adopt;
-use super::{Halt, Pictures, Step};
+use super::{Halt, Pictures};
 use crate::imaging::GreyImage;
 use crate::monitor::Monitor;
 use crate::network::{
