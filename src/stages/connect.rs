@@ -5,16 +5,15 @@ use std::sync::Arc;
 
 use super::bundle::{Bundle, DatumPoints, adjust_what_holds, known_points, restore_rejected};
 use super::lens::LensFreedom;
-use super::resection::{KnownRay, intersect_new_points, known_rays, resect};
+use super::resection::{KnownRay, intersect_new_points, known_rays, misfits, resect};
 use super::scale::apply_frame;
 use super::set_aside::{OFF_ITS_PLACE, codes_set_aside, set_code_aside};
 use super::{Halt, adjust};
 use crate::adjustment::BundleSettings;
 use crate::monitor::Monitor;
 use crate::network::{
-    About, Attempt, Finding, FindingKind, ImageId, Network, PointId, Stage, Station,
+    About, Attempt, Code, Finding, FindingKind, ImageId, Network, PointId, Stage, Station,
 };
-use crate::targets::Family;
 
 /// Fewest known points that orient an image: three give up to four poses, the fourth decides.
 const POINTS_TO_CONNECT: usize = 4;
@@ -45,7 +44,7 @@ pub(super) fn run(network: &mut Network, id: ImageId, monitor: &Monitor) -> Resu
     task.step()?;
     let rays = known_rays(network, id);
     let before = network.clone();
-    match resect(network, id, &rays) {
+    let open = match resect(network, id, &rays) {
         Err(reason) => {
             let attempt = Attempt {
                 basis: network.inputs,
@@ -56,7 +55,7 @@ pub(super) fn run(network: &mut Network, id: ImageId, monitor: &Monitor) -> Resu
             return Ok(());
         }
         Ok(resection) => {
-            settle_misfits(network, id, &rays, &resection.misfits);
+            let open = settle_misfits(network, id, &rays, &resection.misfits);
             let image = network.image_mut(id);
             image.station = Some(Station {
                 pose: resection.pose,
@@ -64,10 +63,12 @@ pub(super) fn run(network: &mut Network, id: ImageId, monitor: &Monitor) -> Resu
             });
             image.attempt = None;
             Arc::make_mut(&mut network.connection_order).push(id);
+            open
         }
-    }
+    };
     task.step()?;
     intersect_new_points(network);
+    settle_minority(network, &open);
     task.step()?;
     match update(network, monitor) {
         // The others were adjusted without it before: it is this image that they cannot be adjusted with.
@@ -106,35 +107,63 @@ pub(super) fn update(network: &mut Network, monitor: &Monitor) -> Result<(), Hal
     Ok(())
 }
 
-/// Codes whose dots miss the resection by far: where three or more images agree on the code, its reading is wrong here
-/// and its names are taken away; where only two do, either may be wrong, and the code is intersected anew with this
-/// image as judge.
-fn settle_misfits(network: &mut Network, id: ImageId, rays: &[KnownRay], misfits: &[usize]) {
-    let codes: BTreeSet<(Family, u32)> = misfits
-        .iter()
-        .filter_map(|&index| rays[index].point.code())
-        .collect();
-    for (family, code) in codes {
-        let of_code = |ray: &KnownRay| ray.point.code() == Some((family, code));
-        let all = rays.iter().filter(|ray| of_code(ray)).count();
-        let missed = misfits
-            .iter()
-            .filter(|&&index| of_code(&rays[index]))
-            .count();
-        if 2 * missed <= all {
-            continue;
-        }
-        let agreeing = PointId::of_code(family, code)
+/// Codes most of whose dots miss the resection by far. Where three or more images agree on the code, its reading is
+/// wrong here and its names are taken away. Where only two do, either may be wrong: the code loses its coordinates and
+/// is returned, to be intersected anew with this image as judge.
+fn settle_misfits(
+    network: &mut Network,
+    id: ImageId,
+    rays: &[KnownRay],
+    misfits: &[usize],
+) -> Vec<Code> {
+    let mut open = Vec::new();
+    for code in mostly_missing(rays, misfits) {
+        let (family, number) = code;
+        let agreeing = PointId::of_code(family, number)
             .iter()
             .filter_map(|point| Some(network.points.get(point)?.rays))
             .max();
         if agreeing.is_some_and(|rays| rays <= 2) {
-            Arc::make_mut(&mut network.points)
-                .retain(|point, _| point.code() != Some((family, code)));
+            Arc::make_mut(&mut network.points).retain(|point, _| point.code() != Some(code));
+            open.push(code);
         } else {
-            set_code_aside(network.image_mut(id), family, code, OFF_ITS_PLACE);
+            set_code_aside(network.image_mut(id), family, number, OFF_ITS_PLACE);
         }
     }
+    open
+}
+
+/// Takes the names of these codes away in the images that the new intersections contradict.
+fn settle_minority(network: &mut Network, open: &[Code]) {
+    if open.is_empty() {
+        return;
+    }
+    let ids: Vec<ImageId> = network.oriented_images().map(|(id, ..)| id).collect();
+    for id in ids {
+        let rays = known_rays(network, id);
+        let misfits = misfits(network, id, &rays);
+        for code in mostly_missing(&rays, &misfits) {
+            if open.contains(&code) {
+                set_code_aside(network.image_mut(id), code.0, code.1, OFF_ITS_PLACE);
+            }
+        }
+    }
+}
+
+/// Codes more than half of whose dots are among the misfits.
+fn mostly_missing(rays: &[KnownRay], misfits: &[usize]) -> Vec<Code> {
+    let missed: BTreeSet<Code> = misfits
+        .iter()
+        .filter_map(|&index| rays[index].point.code())
+        .collect();
+    missed
+        .into_iter()
+        .filter(|code| {
+            let of_code = |index: &usize| rays[*index].point.code() == Some(*code);
+            let all = (0..rays.len()).filter(of_code).count();
+            2 * misfits.iter().filter(|index| of_code(index)).count() > all
+        })
+        .collect()
 }
 
 /// The images that could not be connected and the readings set aside, each with its reason.

@@ -131,6 +131,20 @@ pub(super) fn resect(
     Err(reason)
 }
 
+/// The known rays (by their places) that miss the image's orientation by far.
+pub(super) fn misfits(network: &Network, id: ImageId, rays: &[KnownRay]) -> Vec<usize> {
+    let image = &network.images[&id];
+    let camera = &network.camera_of(image).camera;
+    let limit = lens_limit(network, MISFIT_PX);
+    let near = |ray: &KnownRay| {
+        let pose = image.station.as_ref().map(|station| &station.pose)?;
+        residual_px(camera, pose, &ray.observation).filter(|residual| *residual <= limit)
+    };
+    (0..rays.len())
+        .filter(|&index| near(&rays[index]).is_none())
+        .collect()
+}
+
 fn by_consensus(
     network: &Network,
     camera: &Camera,
