@@ -169,8 +169,7 @@ const RESERVED: [Reserved; 9] = [
     },
     Reserved {
         texts: &["#[ignore"],
-        // The second process of the tests of killed writers is a test that only those tests start.
-        places: &["project/storage/tests/writers.rs"],
+        places: &[],
         scope: Scope::Code,
         why: "no test that does not run",
     },
