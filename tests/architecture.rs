@@ -387,7 +387,7 @@ fn names(line: &str, text: &str) -> bool {
         let after = line[at + text.len()..].chars().next();
         let opens = text.starts_with(of_word) || text.starts_with('/');
         let closes = text.ends_with(of_word);
-        !(opens && before.is_some_and(of_word)) && !(closes && after.is_some_and(of_word))
+        !(opens && before.is_some_and(of_word) || closes && after.is_some_and(of_word))
     })
 }
 

@@ -275,7 +275,7 @@ fn what_is_no_longer_true_is_no_longer_told() {
     let experiment = code_panel(8);
     let mut blind = measured(&experiment);
     reread(&mut blind, ImageId(5), |detections| {
-        detections.codes.clear()
+        detections.codes.clear();
     });
     let network = run(blind, Stage::Connect);
     assert_eq!(outcome(&network, Stage::Connect), Some(Outcome::Incomplete));
@@ -329,7 +329,7 @@ fn without_codes_the_first_pair_fails_in_words() {
     let mut network = measured(&code_panel(4));
     for number in 1..=4 {
         reread(&mut network, ImageId(number), |detections| {
-            detections.codes.clear()
+            detections.codes.clear();
         });
     }
     let network = run(network, Stage::FirstPair);
