@@ -352,7 +352,7 @@ fn examine(path: &Path, folder: &Path) -> Result<Candidate, IntakeError> {
 }
 
 /// Size in bytes and SHA-256 (hexadecimal) of a file.
-pub(super) fn hash(path: &Path) -> io::Result<(u64, String)> {
+fn hash(path: &Path) -> io::Result<(u64, String)> {
     let mut file = File::open(path)?;
     let mut hasher = Sha256::new();
     let mut buffer = vec![0; 1 << 16];

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use super::history::{History, HistorySettings};
-use super::intake::{hash, picture_path};
+use super::intake::picture_path;
 use super::storage::{JournalLine, Opened, StorageError, Store, utc_text};
 use crate::imaging::{GreyImage, LoadSettings, load_picture};
 use crate::monitor::Monitor;
@@ -39,13 +39,6 @@ impl Pictures for PictureFiles {
                 found.1,
                 expected.0,
                 expected.1
-            ));
-        }
-        let (_, sha256) = hash(&path).map_err(|e| format!("{}: {e}", path.display()))?;
-        if sha256 != image.file.sha256 {
-            return Err(format!(
-                "{}: found another picture than when it was added, expected the same (add it under another name)",
-                path.display()
             ));
         }
         Ok(picture)
