@@ -1,6 +1,8 @@
 //! The box experiment over many seeds, lights and network sizes, against truth: `cargo bench --bench campaign [WORD]`
 //! (only the cases whose name holds WORD). Minutes; one line a case.
 
+#![allow(clippy::print_stdout, reason = "a program whose result is its table")]
+
 #[path = "../tests/rendered/mod.rs"]
 mod rendered;
 

@@ -34,6 +34,19 @@ impl StationComponent {
     ];
 }
 
+impl fmt::Display for StationComponent {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            StationComponent::TurnX => "turn about x",
+            StationComponent::TurnY => "turn about y",
+            StationComponent::TurnZ => "turn about z",
+            StationComponent::X => "X",
+            StationComponent::Y => "Y",
+            StationComponent::Z => "Z",
+        })
+    }
+}
+
 /// An unknown of the adjustment, by its place in the problem.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum ParameterName {
@@ -65,15 +78,7 @@ impl fmt::Display for ParameterName {
                 write!(f, "{} of camera {index}", INTERIOR_NAMES[*parameter])
             }
             Self::Station { index, component } => {
-                let name = match component {
-                    StationComponent::TurnX => "turn about x",
-                    StationComponent::TurnY => "turn about y",
-                    StationComponent::TurnZ => "turn about z",
-                    StationComponent::X => "X",
-                    StationComponent::Y => "Y",
-                    StationComponent::Z => "Z",
-                };
-                write!(f, "{name} of station {index}")
+                write!(f, "{component} of station {index}")
             }
             Self::Point { index } => write!(f, "point {index}"),
         }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::bundle::{Bundle, DatumPoints, adjust_what_holds, restore_rejected};
+use super::bundle::{Bundle, BundleFailure, DatumPoints, adjust_what_holds, restore_rejected};
 use super::code_shape::CodeShapes;
 use super::lens::{IMAGES_FOR_ALL, LensFreedom, images_of_cameras};
 use super::scale::{align_to_control, apply_frame, bars_in_reach};
@@ -57,9 +57,10 @@ pub(super) fn adjust(network: &mut Network, stage: Stage, monitor: &Monitor) -> 
     Arc::make_mut(&mut network.findings).retain(|finding| !loose_lens(finding));
     let settings = BundleSettings::default();
     let (bundle, robust) = match adjust_what_holds(network, calibrated, settings, monitor) {
-        Err(AdjustmentError::RankDefect { .. } | AdjustmentError::NotConverged(_))
-            if any_calibrated =>
-        {
+        Err(BundleFailure {
+            error: AdjustmentError::RankDefect { .. } | AdjustmentError::NotConverged(_),
+            ..
+        }) if any_calibrated => {
             network.note(Finding {
                 stage,
                 kind: FindingKind::Camera,
@@ -80,11 +81,11 @@ pub(super) fn adjust(network: &mut Network, stage: Stage, monitor: &Monitor) -> 
     Ok(())
 }
 
-pub(super) fn halt(error: AdjustmentError) -> Halt {
-    match error {
+pub(super) fn halt(failure: BundleFailure) -> Halt {
+    match failure.error {
         AdjustmentError::Interrupted(_) => Halt::Interrupted,
-        other => Halt::Failed(StageError::Adjustment {
-            reason: other.to_string(),
+        _ => Halt::Failed(StageError::Adjustment {
+            reason: failure.in_words,
         }),
     }
 }

@@ -7,9 +7,10 @@ use super::lens::{LensFreedom, images_of_cameras, parameter_states};
 use super::scale::{bars_in_reach, scale_source};
 use crate::adjustment::{
     Adjustment, AdjustmentError, BundleProblem, BundleSettings, CameraBlock, CoordinatePrior,
-    Datum, DistanceObservation, ImageObservation, ObservationStatus, PointBlock, RejectionSettings,
-    RobustAdjustment, StationBlock, adjust_with_rejection,
+    Datum, DistanceObservation, ImageObservation, ObservationStatus, ParameterName, PointBlock,
+    RejectionSettings, RobustAdjustment, StationBlock, adjust_with_rejection,
 };
+use crate::camera::INTERIOR_NAMES;
 use crate::monitor::Monitor;
 use crate::network::{
     AdjustedObservation, AdjustmentResult, Attempt, BarResult, BarRole, CameraId, CameraResult,
@@ -26,6 +27,17 @@ const FIXED_SIGMA_MM: f64 = 1e-6;
 
 /// Standard deviation of a weighted control coordinate that is given without one, mm.
 const UNSTATED_SIGMA_MM: f64 = 0.01;
+
+/// Names of points or parameters that an error lists; more do not help anybody.
+const NAMES_SHOWN: usize = 8;
+
+/// An adjustment that was not made.
+#[derive(Debug)]
+pub(super) struct BundleFailure {
+    pub(super) error: AdjustmentError,
+    /// The reason for the operator: images by path, points by label.
+    pub(super) in_words: String,
+}
 
 /// Over which points the datum's inner constraints run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -168,6 +180,52 @@ impl Bundle {
         self.problem.datum == Datum::Control
     }
 
+    /// An error of the adjustment with its indices in the network's names.
+    fn failure(&self, network: &Network, error: AdjustmentError) -> BundleFailure {
+        let image = |station: usize| network.images[&self.images[station]].file.path.clone();
+        let label = |point: usize| network.label(self.points[point]);
+        let camera = |index: usize| network.cameras[&self.cameras[index]].name.clone();
+        let in_words = match &error {
+            AdjustmentError::PointsUnderdetermined { points } => {
+                let labels: Vec<String> =
+                    points.iter().take(NAMES_SHOWN).map(|&p| label(p)).collect();
+                format!(
+                    "{} points have too few rays: {}",
+                    points.len(),
+                    labels.join(", ")
+                )
+            }
+            AdjustmentError::StationUnderdetermined { station, found } => {
+                format!("{} has {found} used image points, needs 3", image(*station))
+            }
+            AdjustmentError::RankDefect { defect, loose } => {
+                let names: Vec<String> = loose
+                    .iter()
+                    .take(NAMES_SHOWN)
+                    .map(|name| match name {
+                        ParameterName::Camera { index, parameter } => {
+                            format!(
+                                "{} of camera '{}'",
+                                INTERIOR_NAMES[*parameter],
+                                camera(*index)
+                            )
+                        }
+                        ParameterName::Station { index, component } => {
+                            format!("{component} of {}", image(*index))
+                        }
+                        ParameterName::Point { index } => label(*index),
+                    })
+                    .collect();
+                format!(
+                    "rank defect of {defect}: the observations leave loose {}",
+                    names.join(", ")
+                )
+            }
+            other => other.to_string(),
+        };
+        BundleFailure { error, in_words }
+    }
+
     /// Puts estimates and precision into the network.
     pub(super) fn write_back(&self, network: &mut Network, adjustment: &Adjustment) {
         for (id, adjusted) in self.images.iter().zip(&adjustment.stations) {
@@ -290,7 +348,7 @@ pub(super) fn adjust_what_holds(
     assemble: impl Fn(&Network) -> Bundle,
     settings: BundleSettings,
     monitor: &Monitor,
-) -> Result<(Bundle, RobustAdjustment), AdjustmentError> {
+) -> Result<(Bundle, RobustAdjustment), BundleFailure> {
     let rejection = RejectionSettings {
         critical: network.settings.critical_w,
         ..RejectionSettings::default()
@@ -304,7 +362,7 @@ pub(super) fn adjust_what_holds(
                 set_image_aside(network, bundle.images[station], found);
             }
             Ok(robust) => return Ok((bundle, robust)),
-            Err(error) => return Err(error),
+            Err(error) => return Err(bundle.failure(network, error)),
         }
     }
 }
