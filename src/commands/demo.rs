@@ -15,7 +15,7 @@ use super::run::measure;
 use super::terminal::{say, show};
 use super::{CommandError, ExportRequest, export, open_to_change};
 use crate::monitor::{Interrupted, Monitor};
-use crate::network::{BarRole, DevicePoint, Network, Outcome, ScaleBar, Stage};
+use crate::network::{DevicePoint, Network, Outcome, ScaleBar, Stage};
 use crate::project::files::{ReferencePoint, bars_csv, cross_csv, reference_csv};
 use crate::report::{
     CameraFile, StageRun, TruthCheck, cameras_toml, check_against_truth, write_file,
@@ -242,26 +242,12 @@ fn write_inputs(files: &DemoFiles, experiment: &Experiment) -> Result<(), Comman
     let cross: Vec<DevicePoint> = experiment
         .cross_points()
         .iter()
-        .map(|p| DevicePoint {
-            label: p.label.clone(),
-            position_mm: p.point,
-        })
+        .map(DevicePoint::from)
         .collect();
     if !cross.is_empty() {
         write_file(&files.at("cross.csv"), cross_csv(&cross).as_bytes())?;
     }
-    let bars: Vec<ScaleBar> = experiment
-        .bars()
-        .into_iter()
-        .map(|bar| ScaleBar {
-            name: bar.name,
-            from: bar.from,
-            to: bar.to,
-            length_mm: bar.length_mm,
-            sigma_mm: bar.sigma_mm,
-            role: BarRole::Control,
-        })
-        .collect();
+    let bars: Vec<ScaleBar> = experiment.bars().into_iter().map(ScaleBar::from).collect();
     write_file(&files.at("bars.csv"), bars_csv(&bars).as_bytes())?;
     let reference: Vec<ReferencePoint> = experiment
         .truth()

@@ -17,7 +17,7 @@ use crate::geometry::Pose;
 /// Gaussian tails are cut here, in sigmas: what is left out is 1e-5 of the dot's light.
 const BLUR_REACH_SIGMAS: f64 = 4.4;
 /// Images thinner than this are integrated with twice as many cells, px.
-const THIN_PX: f64 = 6.0;
+const THIN_PX: f64 = 8.0;
 
 /// Pixels to the plane of a mark: a homography behind the lens correction.
 pub(super) struct PlaneView<'a> {

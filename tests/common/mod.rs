@@ -11,7 +11,7 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use image::{GrayImage, ImageFormat};
-use tiepoint::network::{BarRole, DevicePoint, ScaleBar};
+use tiepoint::network::{DevicePoint, ScaleBar};
 use tiepoint::project::files::{ReferencePoint, bars_csv, cross_csv, reference_csv};
 use tiepoint::report::{CameraFile, cameras_toml};
 use tiepoint::synthetic::{
@@ -104,23 +104,9 @@ fn rendered() -> Scene {
     let cross: Vec<DevicePoint> = experiment
         .cross_points()
         .iter()
-        .map(|p| DevicePoint {
-            label: p.label.clone(),
-            position_mm: p.point,
-        })
+        .map(DevicePoint::from)
         .collect();
-    let bars: Vec<ScaleBar> = experiment
-        .bars()
-        .into_iter()
-        .map(|bar| ScaleBar {
-            name: bar.name,
-            from: bar.from,
-            to: bar.to,
-            length_mm: bar.length_mm,
-            sigma_mm: bar.sigma_mm,
-            role: BarRole::Control,
-        })
-        .collect();
+    let bars: Vec<ScaleBar> = experiment.bars().into_iter().map(ScaleBar::from).collect();
     let reference: Vec<ReferencePoint> = experiment
         .truth()
         .points

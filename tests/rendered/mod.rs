@@ -8,8 +8,8 @@ use rayon::prelude::*;
 use tiepoint::imaging::{BitDepth, GreyImage};
 use tiepoint::monitor::Monitor;
 use tiepoint::network::{
-    BarRole, CameraEntry, CameraId, DevicePoint, ImageEntry, ImageFile, ImageId, InteriorSource,
-    Network, ScaleBar, Stage,
+    CameraEntry, CameraId, DevicePoint, ImageEntry, ImageFile, ImageId, InteriorSource, Network,
+    ScaleBar, Stage,
 };
 use tiepoint::stages::{Advance, Halt, Pictures};
 use tiepoint::synthetic::{
@@ -155,28 +155,8 @@ pub(crate) fn of_experiment_with(
             .collect(),
     );
     let device = experiment.cross_points().iter();
-    network.device = Arc::new(
-        device
-            .map(|p| DevicePoint {
-                label: p.label.clone(),
-                position_mm: p.point,
-            })
-            .collect(),
-    );
-    network.scale_bars = Arc::new(
-        experiment
-            .bars()
-            .into_iter()
-            .map(|bar| ScaleBar {
-                name: bar.name,
-                from: bar.from,
-                to: bar.to,
-                length_mm: bar.length_mm,
-                sigma_mm: bar.sigma_mm,
-                role: BarRole::Control,
-            })
-            .collect(),
-    );
+    network.device = Arc::new(device.map(DevicePoint::from).collect());
+    network.scale_bars = Arc::new(experiment.bars().into_iter().map(ScaleBar::from).collect());
     Rendered {
         network,
         pictures: Memory(pictures),
