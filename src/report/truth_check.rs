@@ -6,9 +6,31 @@ use nalgebra::Vector3;
 use serde::Serialize;
 
 use crate::geometry::{FitError, Scale, fit_similarity};
-use crate::network::{ImageEntry, Network, PointId, PointKind};
-use crate::synthetic::{Truth, TruthDot};
+use crate::network::{BarRole, DevicePoint, ImageEntry, Network, PointId, PointKind, ScaleBar};
+use crate::synthetic::{LabelledPoint, PublishedBar, Truth, TruthDot};
 use crate::targets::DotIndex;
+
+impl From<PublishedBar> for ScaleBar {
+    fn from(bar: PublishedBar) -> Self {
+        Self {
+            name: bar.name,
+            from: bar.from,
+            to: bar.to,
+            length_mm: bar.length_mm,
+            sigma_mm: bar.sigma_mm,
+            role: BarRole::Control,
+        }
+    }
+}
+
+impl From<&LabelledPoint> for DevicePoint {
+    fn from(point: &LabelledPoint) -> Self {
+        Self {
+            label: point.label.clone(),
+            position_mm: point.point,
+        }
+    }
+}
 
 /// A detected dot is the image of a true one when their centres are nearer than this, px, or a quarter of its diameter.
 const SAME_DOT_PX: f64 = 1.5;

@@ -8,7 +8,6 @@ use serde::{Deserialize, Serialize};
 use super::{LabelledPoint, Scene, TruthDot, truth_dots};
 use crate::camera::{Camera, InteriorOrientation};
 use crate::geometry::Pose;
-use crate::network;
 
 /// A camera station and the name of its picture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -45,28 +44,6 @@ pub struct PublishedBar {
     pub length_mm: f64,
     /// Stated standard error, mm.
     pub sigma_mm: f64,
-}
-
-impl From<PublishedBar> for network::ScaleBar {
-    fn from(bar: PublishedBar) -> Self {
-        Self {
-            name: bar.name,
-            from: bar.from,
-            to: bar.to,
-            length_mm: bar.length_mm,
-            sigma_mm: bar.sigma_mm,
-            role: network::BarRole::Control,
-        }
-    }
-}
-
-impl From<&LabelledPoint> for network::DevicePoint {
-    fn from(point: &LabelledPoint) -> Self {
-        Self {
-            label: point.label.clone(),
-            position_mm: point.point,
-        }
-    }
 }
 
 /// A scale bar's exact length.
