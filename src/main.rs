@@ -161,7 +161,14 @@ struct Codes {
 }
 
 fn main() -> ExitCode {
-    let arguments = Arguments::parse();
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) if error.use_stderr() && !is_help(&error) => {
+            commands::report_failure(&CommandError::input(one_line(&error)));
+            return ExitCode::from(2);
+        }
+        Err(help) => help.exit(),
+    };
     let monitor = Arc::new(commands::monitor_on_terminal());
     let interrupted = Arc::clone(&monitor);
     // Without a handler Ctrl-C would end the program between two steps' saves: nothing is lost, only less is said.
@@ -177,6 +184,23 @@ fn main() -> ExitCode {
             }
         }
     }
+}
+
+fn is_help(error: &clap::Error) -> bool {
+    error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand
+}
+
+/// What is wrong with the arguments, without the usage below it: `--help` shows that.
+fn one_line(error: &clap::Error) -> String {
+    let text = error.render().to_string();
+    let message = text.split("\n\nUsage:").next().unwrap_or_default();
+    let message = message
+        .split("\n\nFor more information")
+        .next()
+        .unwrap_or_default();
+    let words: Vec<&str> = message.split_whitespace().collect();
+    let line = words.join(" ");
+    line.strip_prefix("error: ").unwrap_or(&line).to_owned()
 }
 
 fn run(command: Command, monitor: &Monitor) -> Result<(), CommandError> {

@@ -13,11 +13,10 @@ use serde::{Deserialize, Serialize};
 use super::project::{NewRequest, new};
 use super::run::measure;
 use super::terminal::{say, show};
-use super::{CommandError, ExportRequest, export};
+use super::{CommandError, ExportRequest, export, open_to_change};
 use crate::monitor::{Interrupted, Monitor};
 use crate::network::{BarRole, DevicePoint, Network, Outcome, ScaleBar, Stage};
 use crate::project::files::{ReferencePoint, bars_csv, cross_csv, reference_csv};
-use crate::project::session::Session;
 use crate::report::{
     CameraFile, StageRun, TruthCheck, cameras_toml, check_against_truth, write_file,
 };
@@ -101,7 +100,7 @@ pub fn demo(request: &DemoRequest, monitor: &Monitor) -> Result<(), CommandError
             families: vec![Family::Dot420],
         })?;
     }
-    let mut session = Session::open(&project)?;
+    let mut session = open_to_change(&project)?;
     let begun = Instant::now();
     let runs = measure(&mut session, Stage::Adjust, monitor)?;
     let measured = begun.elapsed().as_secs_f64();

@@ -1,13 +1,13 @@
 //! `detect`: targets and codes of single images, without a project.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::terminal::show;
 use super::{CommandError, Form};
-use crate::imaging::{LoadSettings, load_picture};
+use crate::imaging::{GreyImage, LoadSettings, load_picture};
 use crate::monitor::Monitor;
 use crate::project::files::read_cameras;
-use crate::report::{DetectReport, detect_line};
+use crate::report::{CameraFile, DetectReport, detect_line};
 use crate::targets::{DetectSettings, Family, detect as detect_targets};
 
 /// What to look for where.
@@ -21,7 +21,7 @@ pub struct DetectRequest {
     pub families: Vec<Family>,
 }
 
-/// Finds targets and codes in single images.
+/// Finds targets and codes in single images; those that cannot be read are left out and told at the end.
 ///
 /// # Errors
 /// [`CommandError`] for an image that cannot be read or has another size than the camera.
@@ -34,23 +34,16 @@ pub fn detect(request: &DetectRequest, form: Form, monitor: &Monitor) -> Result<
     let settings = DetectSettings::default();
     let mut reports = Vec::new();
     let mut lines = String::new();
+    let mut refused: Vec<String> = Vec::new();
     for path in &request.images {
+        let picture = match checked_picture(path, &cameras) {
+            Ok(picture) => picture,
+            Err(line) => {
+                refused.push(line);
+                continue;
+            }
+        };
         task.step().map_err(|_| CommandError::interrupted())?;
-        let picture = load_picture(path, &LoadSettings::default())?.image;
-        let size = (picture.width() as u32, picture.height() as u32);
-        if let Some(camera) = cameras.first()
-            && !cameras.iter().any(|c| (c.width_px, c.height_px) == size)
-        {
-            return Err(CommandError::input(format!(
-                "{}: found {} x {} px, expected {} x {} px of camera '{}'",
-                path.display(),
-                size.0,
-                size.1,
-                camera.width_px,
-                camera.height_px,
-                camera.name
-            )));
-        }
         let detections = detect_targets(&picture, &request.families, &settings);
         let name = path.to_string_lossy();
         match form {
@@ -61,12 +54,42 @@ pub fn detect(request: &DetectRequest, form: Form, monitor: &Monitor) -> Result<
             }
         }
     }
-    match form {
-        Form::Json => {
-            let json = serde_json::to_string_pretty(&reports)
-                .map_err(|e| CommandError::work(format!("result as JSON: {e}")))?;
-            show(&json)
+    if refused.len() < request.images.len() {
+        match form {
+            Form::Json => {
+                let json = serde_json::to_string_pretty(&reports)
+                    .map_err(|e| CommandError::work(format!("result as JSON: {e}")))?;
+                show(&json)?;
+            }
+            Form::Text => show(&lines)?,
         }
-        Form::Text => show(&lines),
+    }
+    match refused.as_slice() {
+        [] => Ok(()),
+        [line] => Err(CommandError::input(line)),
+        [line, more @ ..] => Err(CommandError::input(format!(
+            "{line} (and {} more images like that)",
+            more.len()
+        ))),
+    }
+}
+
+/// A picture that has the size of one of the cameras, where there are any; else the line that says what is wrong.
+fn checked_picture(path: &Path, cameras: &[CameraFile]) -> Result<GreyImage, String> {
+    let picture = load_picture(path, &LoadSettings::default())
+        .map_err(|e| e.to_string())?
+        .image;
+    let size = (picture.width() as u32, picture.height() as u32);
+    match cameras.first() {
+        Some(camera) if !cameras.iter().any(|c| (c.width_px, c.height_px) == size) => Err(format!(
+            "{}: found {} x {} px, expected {} x {} px of camera '{}'",
+            path.display(),
+            size.0,
+            size.1,
+            camera.width_px,
+            camera.height_px,
+            camera.name
+        )),
+        _ => Ok(picture),
     }
 }

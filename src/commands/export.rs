@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::terminal::show;
-use super::{CommandError, Form};
+use super::{CommandError, Form, in_one_line};
 use crate::geometry::Scale;
 use crate::network::Network;
 use crate::project::files::read_reference;
@@ -29,8 +29,27 @@ pub struct ExportRequest {
     pub cameras: Option<PathBuf>,
 }
 
-fn read_project(project: &Path) -> Result<Arc<Network>, CommandError> {
-    Ok(Store::open_read_only(project)?.network)
+/// A project as far as it can be read.
+struct Reading {
+    network: Arc<Network>,
+    /// What is to be told after the work on a damaged file, which gave what is left of it.
+    damage: Result<(), CommandError>,
+}
+
+fn read_project(project: &Path) -> Result<Reading, CommandError> {
+    let opened = Store::open_read_only(project)?;
+    let damage = match opened.warnings.as_slice() {
+        [] => Ok(()),
+        warnings => Err(CommandError::work(format!(
+            "{}: damaged: {}; the results hold what could be read",
+            project.display(),
+            in_one_line(warnings)
+        ))),
+    };
+    Ok(Reading {
+        network: opened.network,
+        damage,
+    })
 }
 
 /// Writes tables of a project.
@@ -38,8 +57,22 @@ fn read_project(project: &Path) -> Result<Arc<Network>, CommandError> {
 /// # Errors
 /// [`CommandError`] where the project cannot be read, its adjustment is older than its inputs, or a file cannot be written.
 pub fn export(request: &ExportRequest) -> Result<(), CommandError> {
-    let network = read_project(&request.project)?;
-    let work = |e: NoFigures| CommandError::work(format!("{}: {e}", request.project.display()));
+    let asked = [
+        &request.points,
+        &request.observations,
+        &request.stations,
+        &request.cameras,
+    ];
+    if asked.iter().all(|path| path.is_none()) {
+        return Err(CommandError::input(
+            "export: found no table to write, expected --points, --observations, --stations or --cameras",
+        ));
+    }
+    let Reading { network, damage } = read_project(&request.project)?;
+    let work = |e: NoFigures| match &damage {
+        Ok(()) => CommandError::work(format!("{}: {e}", request.project.display())),
+        Err(damage) => damage.clone(),
+    };
     if let Some(path) = &request.points {
         write_file(path, export_points(&network).map_err(work)?.as_bytes())?;
     }
@@ -55,18 +88,7 @@ pub fn export(request: &ExportRequest) -> Result<(), CommandError> {
     if let Some(path) = &request.cameras {
         write_file(path, export_cameras(&network).map_err(work)?.as_bytes())?;
     }
-    let asked = [
-        &request.points,
-        &request.observations,
-        &request.stations,
-        &request.cameras,
-    ];
-    if asked.iter().all(|path| path.is_none()) {
-        return Err(CommandError::input(
-            "export: found no table to write, expected --points, --observations, --stations or --cameras",
-        ));
-    }
-    Ok(())
+    damage
 }
 
 /// Compares a project's coordinates with known ones.
@@ -80,19 +102,23 @@ pub fn compare(
     form: Form,
 ) -> Result<(), CommandError> {
     let reference = read_reference(reference)?;
-    let network = read_project(project)?;
+    let Reading { network, damage } = read_project(project)?;
     let settings = CompareSettings {
         scale,
         ..CompareSettings::default()
     };
-    let comparison = compare_points(&network, &reference, &settings)
-        .map_err(|e| CommandError::work(format!("{}: {e}", project.display())))?;
+    let comparison =
+        compare_points(&network, &reference, &settings).map_err(|e| match &damage {
+            Ok(()) => CommandError::work(format!("{}: {e}", project.display())),
+            Err(damage) => damage.clone(),
+        })?;
     match form {
         Form::Json => {
             let json = serde_json::to_string_pretty(&comparison)
                 .map_err(|e| CommandError::work(format!("result as JSON: {e}")))?;
-            show(&json)
+            show(&json)?;
         }
-        Form::Text => show(&comparison.text()),
+        Form::Text => show(&comparison.text())?,
     }
+    damage
 }

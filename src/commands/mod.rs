@@ -10,9 +10,13 @@ mod project;
 mod run;
 mod terminal;
 
+use std::io;
+use std::path::Path;
+
 use crate::imaging::LoadError;
 use crate::project::files::FileError;
 use crate::project::intake::IntakeError;
+use crate::project::session::Session;
 use crate::project::storage::StorageError;
 use crate::report::WriteError;
 
@@ -112,12 +116,76 @@ impl From<LoadError> for CommandError {
 
 impl From<StorageError> for CommandError {
     fn from(error: StorageError) -> Self {
-        Self::input(error.to_string())
+        let failure = match &error {
+            StorageError::Missing { .. }
+            | StorageError::Exists { .. }
+            | StorageError::NotAProject { .. }
+            | StorageError::Newer { .. }
+            | StorageError::Damaged { .. } => Failure::Input,
+            StorageError::File { source, .. } => failure_of_file(source),
+            StorageError::InUse { .. }
+            | StorageError::Changed { .. }
+            | StorageError::NotStorable { .. }
+            | StorageError::Database { .. } => Failure::Work,
+        };
+        Self {
+            failure,
+            line: error.to_string(),
+        }
     }
 }
 
 impl From<WriteError> for CommandError {
     fn from(error: WriteError) -> Self {
-        Self::input(error.to_string())
+        Self {
+            failure: failure_of_file(&error.reason),
+            line: error.to_string(),
+        }
     }
+}
+
+/// A place where no file can be is a bad argument; a full or broken disk is not.
+fn failure_of_file(error: &io::Error) -> Failure {
+    match error.kind() {
+        io::ErrorKind::NotFound
+        | io::ErrorKind::PermissionDenied
+        | io::ErrorKind::NotADirectory
+        | io::ErrorKind::IsADirectory
+        | io::ErrorKind::InvalidInput
+        | io::ErrorKind::InvalidFilename
+        | io::ErrorKind::ReadOnlyFilesystem => Failure::Input,
+        _ => Failure::Work,
+    }
+}
+
+/// What is wrong with a file that is open for reading only, on one line.
+fn in_one_line(warnings: &[String]) -> String {
+    /// Faults that are told one by one.
+    const TOLD: usize = 2;
+    let mut line = warnings
+        .iter()
+        .take(TOLD)
+        .map(|w| w.split_whitespace().collect::<Vec<_>>().join(" "))
+        .collect::<Vec<_>>()
+        .join(": ");
+    if warnings.len() > TOLD {
+        line.push_str(&format!(" (and {} more faults)", warnings.len() - TOLD));
+    }
+    line
+}
+
+/// Opens a project that is to be changed.
+///
+/// # Errors
+/// Where it cannot be opened, or for reading only: a measurement that could not be saved would be lost.
+fn open_to_change(project: &Path) -> Result<Session, CommandError> {
+    let session = Session::open(project)?;
+    if session.is_writable() {
+        return Ok(session);
+    }
+    Err(CommandError::input(format!(
+        "{}: {}; nothing was changed, export and compare give what can be read",
+        project.display(),
+        in_one_line(session.warnings())
+    )))
 }

@@ -1,10 +1,11 @@
 //! `new`, `add`, `exclude`: what a project consists of.
 
-use std::path::PathBuf;
+use std::fs;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::CommandError;
 use super::terminal::show;
+use super::{CommandError, open_to_change};
 use crate::network::Network;
 use crate::project::files::{read_bars, read_cameras, read_control, read_cross, read_targets};
 use crate::project::intake::{add_cameras, add_images, exclude_images};
@@ -38,7 +39,8 @@ pub struct NewRequest {
 /// [`CommandError`] for a bad file, an existing project, a picture given twice or of another size than the cameras.
 pub fn new(request: &NewRequest) -> Result<(), CommandError> {
     let project = &request.project;
-    if project.exists() {
+    // Before any picture is looked at; `Session::create` would see it too.
+    if fs::symlink_metadata(project).is_ok() {
         return Err(CommandError::input(format!(
             "{}: found an existing file, expected the name of a new project",
             project.display()
@@ -73,8 +75,8 @@ pub fn new(request: &NewRequest) -> Result<(), CommandError> {
 ///
 /// # Errors
 /// [`CommandError`]; the project is unchanged then.
-pub fn add(project: &PathBuf, images: &[PathBuf]) -> Result<(), CommandError> {
-    let mut session = Session::open(project)?;
+pub fn add(project: &Path, images: &[PathBuf]) -> Result<(), CommandError> {
+    let mut session = open_to_change(project)?;
     let folder = folder_of(project);
     let count = session.edit("add images", |network| -> Result<usize, CommandError> {
         Ok(add_images(network, &folder, images)?)
@@ -86,8 +88,8 @@ pub fn add(project: &PathBuf, images: &[PathBuf]) -> Result<(), CommandError> {
 ///
 /// # Errors
 /// [`CommandError`]; the project is unchanged then.
-pub fn exclude(project: &PathBuf, images: &[PathBuf]) -> Result<(), CommandError> {
-    let mut session = Session::open(project)?;
+pub fn exclude(project: &Path, images: &[PathBuf]) -> Result<(), CommandError> {
+    let mut session = open_to_change(project)?;
     let folder = folder_of(project);
     let count = session.edit("exclude images", |network| -> Result<usize, CommandError> {
         Ok(exclude_images(network, &folder, images)?)

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use super::terminal::{say, show};
-use super::{CommandError, Form};
+use super::{CommandError, Form, open_to_change};
 use crate::monitor::Monitor;
 use crate::network::{Connectivity, FindingKind, Outcome, Stage};
 use crate::project::session::{Finished, Session};
@@ -20,7 +20,13 @@ pub fn run(
     form: Form,
     monitor: &Monitor,
 ) -> Result<(), CommandError> {
-    let mut session = Session::open(project)?;
+    let mut session = open_to_change(project)?;
+    let found = session.look_again_for_pictures()?;
+    if found > 0 {
+        say(&format!(
+            "{found} pictures that could not be read before are there"
+        ));
+    }
     let runs = measure(&mut session, until, monitor)?;
     let network = session.network();
     let summary = RunSummary::new(network, &runs);

@@ -27,7 +27,8 @@ pub fn monitor_on_terminal() -> Monitor {
             let mut last = last
                 .lock()
                 .unwrap_or_else(std::sync::PoisonError::into_inner);
-            if *last != progress.title {
+            // A task that has done nothing yet may be refused in the next moment, which is one line by itself.
+            if progress.done > 0 && *last != progress.title {
                 last.clone_from(&progress.title);
                 say(&progress.title);
             }

@@ -108,8 +108,7 @@ pub fn read_meta(file: &Path) -> Result<PictureMeta, LoadError> {
 /// [`LoadError`] where the file cannot be read or is no picture.
 pub fn read_size(file: &Path) -> Result<(u32, u32), LoadError> {
     let bytes = read_file(file)?;
-    let format = image::guess_format(&bytes)
-        .map_err(|_| refused(file, "a file that is no picture", KNOWN_FORMATS))?;
+    let format = format_of(file, &bytes)?;
     ImageReader::with_format(Cursor::new(bytes.as_slice()), format)
         .into_dimensions()
         .map_err(|error| explained(file, format, &error, &LoadSettings::default()))
@@ -133,12 +132,16 @@ fn read_file(file: &Path) -> Result<Vec<u8>, LoadError> {
     })
 }
 
-fn decode(file: &Path, bytes: &[u8], settings: &LoadSettings) -> Result<Picture, LoadError> {
+fn format_of(file: &Path, bytes: &[u8]) -> Result<ImageFormat, LoadError> {
     if bytes.is_empty() {
         return Err(refused(file, "an empty file", KNOWN_FORMATS));
     }
-    let format = image::guess_format(bytes)
-        .map_err(|_| refused(file, "a file that is no picture", KNOWN_FORMATS))?;
+    image::guess_format(bytes)
+        .map_err(|_| refused(file, "a file that is no picture", KNOWN_FORMATS))
+}
+
+fn decode(file: &Path, bytes: &[u8], settings: &LoadSettings) -> Result<Picture, LoadError> {
+    let format = format_of(file, bytes)?;
     if format == ImageFormat::Jpeg && !jpeg_is_complete(bytes) {
         return Err(refused(
             file,

@@ -64,6 +64,14 @@ pub enum IntakeError {
         /// The other file.
         other: String,
     },
+    /// The file is in the project already and holds another picture now.
+    #[error(
+        "{path}: found another picture than the one the project has under this name, expected it under a name of its own"
+    )]
+    Replaced {
+        /// The file.
+        path: String,
+    },
     /// No camera has the size of the picture.
     #[error("{path}: found {width} x {height} px, expected {cameras}")]
     WrongSize {
@@ -167,22 +175,23 @@ pub fn add_images(
         .collect::<Vec<_>>()
         .into_iter()
         .collect::<Result<Vec<_>, _>>()?;
-    let mut seen: BTreeMap<String, String> = network
-        .images
-        .values()
-        .map(|i| (i.file.sha256.clone(), i.file.path.clone()))
-        .collect();
-    for candidate in &candidates {
-        if let Some(other) = seen.insert(candidate.sha256.clone(), candidate.stored.clone()) {
-            return Err(IntakeError::Twice {
-                path: candidate.path.display().to_string(),
-                other,
-            });
-        }
-    }
     let mut changed = network.clone();
+    // An image that was excluded comes back with all that was measured in it.
+    let excluded: BTreeMap<&str, ImageId> = network
+        .images
+        .iter()
+        .filter(|(_, image)| image.usage == ImageUse::Excluded)
+        .map(|(id, image)| (image.file.sha256.as_str(), *id))
+        .collect();
+    let (returning, candidates): (Vec<Candidate>, Vec<Candidate>) = candidates
+        .into_iter()
+        .partition(|c| excluded.contains_key(c.sha256.as_str()));
+    for candidate in &returning {
+        changed.image_mut(excluded[candidate.sha256.as_str()]).usage = ImageUse::Used;
+    }
+    refuse_twice(network, &candidates)?;
     let from_files = changed.cameras.values().any(|c| c.exif_model.is_none());
-    for candidate in candidates.iter() {
+    for candidate in &candidates {
         let camera = if from_files {
             let camera = matching_camera(&changed, candidate)?;
             complete_from_meta(changed.camera_mut(camera), candidate);
@@ -203,7 +212,32 @@ pub fn add_images(
     }
     changed.inputs += 1;
     *network = changed;
-    Ok(candidates.len())
+    Ok(candidates.len() + returning.len())
+}
+
+/// Refuses a picture whose content or whose file is there already.
+fn refuse_twice(network: &Network, candidates: &[Candidate]) -> Result<(), IntakeError> {
+    let mut contents = BTreeMap::new();
+    let mut paths = BTreeMap::new();
+    for image in network.images.values() {
+        contents.insert(image.file.sha256.as_str(), image.file.path.as_str());
+        paths.insert(image.file.path.as_str(), ());
+    }
+    for candidate in candidates {
+        let other = contents.insert(&candidate.sha256, &candidate.stored);
+        if let Some(other) = other {
+            return Err(IntakeError::Twice {
+                path: candidate.path.display().to_string(),
+                other: other.to_owned(),
+            });
+        }
+        if paths.insert(&candidate.stored, ()).is_some() {
+            return Err(IntakeError::Replaced {
+                path: candidate.path.display().to_string(),
+            });
+        }
+    }
+    Ok(())
 }
 
 /// Excludes images; what was measured in them stays but takes no part.
@@ -216,23 +250,36 @@ pub fn exclude_images(
     paths: &[PathBuf],
 ) -> Result<usize, IntakeError> {
     let mut changed = network.clone();
+    let mut excluded = 0;
     for path in paths {
         let stored = stored_path(path, folder);
         let as_given = path.to_string_lossy().replace('\\', "/");
-        let id = changed
+        let inside = format!("{stored}/");
+        let is_folder = path.is_dir();
+        let named: Vec<ImageId> = changed
             .images
             .iter()
-            .find(|(_, image)| image.file.path == stored || image.file.path == as_given)
+            .filter(|(_, image)| {
+                let own = &image.file.path;
+                *own == stored || *own == as_given || (is_folder && own.starts_with(&inside))
+            })
             .map(|(id, _)| *id)
-            .ok_or_else(|| IntakeError::NotInProject {
+            .collect();
+        if named.is_empty() {
+            return Err(IntakeError::NotInProject {
                 path: path.display().to_string(),
                 images: network.images.len(),
-            })?;
-        changed.image_mut(id).usage = ImageUse::Excluded;
+            });
+        }
+        for id in named {
+            let usage = &mut changed.image_mut(id).usage;
+            excluded += usize::from(*usage == ImageUse::Used);
+            *usage = ImageUse::Excluded;
+        }
     }
     changed.inputs += 1;
     *network = changed;
-    Ok(paths.len())
+    Ok(excluded)
 }
 
 /// The picture file of a stored path.

@@ -13,7 +13,7 @@ use super::intake::picture_path;
 use super::storage::{JournalLine, Opened, StorageError, Store, utc_text};
 use crate::imaging::{GreyImage, LoadSettings, load_picture};
 use crate::monitor::Monitor;
-use crate::network::{ImageEntry, Network, Outcome, Stage};
+use crate::network::{About, Finding, FindingKind, ImageEntry, ImageId, Network, Outcome, Stage};
 use crate::stages::{Advance, Halt, Pictures, Step};
 
 /// Pictures from their files.
@@ -189,6 +189,7 @@ impl Session {
         Ok(value)
     }
 
+<<<<<<< HEAD
     /// Makes an edit of the operator.
     ///
     /// # Errors
@@ -240,6 +241,30 @@ impl Session {
         }
         self.network = network;
         Ok(Some(title))
+=======
+    /// Looks again for pictures that could not be read when their targets were to be detected (a drive that was not
+    /// there, a file that was moved) and says how many can be read now: the next run detects them.
+    ///
+    /// # Errors
+    /// [`StorageError`] where this cannot be saved.
+    pub fn look_again_for_pictures(&mut self) -> Result<usize, StorageError> {
+        let readable: Vec<ImageId> = self
+            .network
+            .used_images()
+            .filter(|(_, image)| image.unreadable.is_some() && self.pictures.load(image).is_ok())
+            .map(|(id, _)| id)
+            .collect();
+        if readable.is_empty() {
+            return Ok(0);
+        }
+        self.edit("pictures are there again", |network| {
+            for &id in &readable {
+                network.image_mut(id).unreadable = None;
+            }
+            network.inputs += 1;
+            Ok(readable.len())
+        })
+>>>>>>> main
     }
 
     /// Begins the next step of a stage; `None` where the stage has none, which concludes it.
@@ -293,7 +318,7 @@ impl Session {
         stage: Stage,
         failure: Option<&crate::stages::StageError>,
     ) -> Result<Finished, StorageError> {
-        let network = stage.conclude(&self.network, failure);
+        let network = stage.conclude(&without_former_findings(&self.network, stage), failure);
         let outcome = network.conclusions[&stage].outcome;
         self.adopt(&format!("{stage}: {outcome}"), network, Some(outcome))?;
         Ok(Finished::Concluded(outcome))
@@ -313,6 +338,31 @@ impl Session {
         self.network = network;
         Ok(())
     }
+}
+
+/// The network without what this stage and later ones told when they ended before: they tell it again where it still
+/// holds. What single steps told stays.
+fn without_former_findings(network: &Network, stage: Stage) -> Network {
+    let told_at_the_end = |finding: &Finding| match finding.kind {
+        FindingKind::UnreadableImage
+        | FindingKind::UnconnectedImage
+        | FindingKind::Connectivity
+        | FindingKind::ScaleBar
+        | FindingKind::StageFailed => true,
+        FindingKind::DoubtfulCode => {
+            finding.stage != Stage::Connect && matches!(finding.about, About::Image(_))
+        }
+        _ => false,
+    };
+    let mut network = network.clone();
+    if network
+        .findings
+        .iter()
+        .any(|f| f.stage >= stage && told_at_the_end(f))
+    {
+        Arc::make_mut(&mut network.findings).retain(|f| f.stage < stage || !told_at_the_end(f));
+    }
+    network
 }
 
 fn journal_line(title: &str, network: &Network, outcome: Option<Outcome>) -> JournalLine {

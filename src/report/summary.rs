@@ -5,7 +5,9 @@ use std::fmt::Write;
 use serde::Serialize;
 
 use super::export::adjusted_points;
-use crate::network::{About, AdjustmentResult, FindingKind, Network, Outcome, ScaleSource, Stage};
+use crate::network::{
+    About, AdjustmentResult, FindingKind, ImageUse, Network, Outcome, ScaleSource, Stage,
+};
 
 /// A stage that ran.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -94,15 +96,7 @@ impl RunSummary {
             sigma_station_mm: adjustment.map(|a| a.sigma_station_mm),
             redundancy: adjustment.map(|a| a.redundancy),
             scale_from: adjustment.map(|a| a.scale_from),
-            findings: network
-                .findings
-                .iter()
-                .map(|finding| FindingReport {
-                    kind: finding.kind,
-                    about: about(network, &finding.about),
-                    text: finding.text.clone(),
-                })
-                .collect(),
+            findings: findings(network),
             datum: adjustment.map(|a| a.datum.clone()),
         }
     }
@@ -150,10 +144,41 @@ impl RunSummary {
             let _ = writeln!(text, "datum         {datum}");
         }
         for finding in &self.findings {
-            let _ = writeln!(text, "! {}: {}", finding.about, finding.text);
+            // Many texts name what they are about: their sentence stands alone in a journal.
+            let named = finding.text.starts_with(&finding.about);
+            let about = if named {
+                String::new()
+            } else {
+                format!("{}: ", finding.about)
+            };
+            let _ = writeln!(text, "! {about}{}", finding.text);
         }
         text
     }
+}
+
+/// What two stages noticed alike is told once; an excluded image is of no concern.
+fn findings(network: &Network) -> Vec<FindingReport> {
+    let mut reports: Vec<FindingReport> = Vec::new();
+    for finding in network.findings.iter() {
+        if let About::Image(id) = finding.about
+            && network
+                .images
+                .get(&id)
+                .is_some_and(|image| image.usage == ImageUse::Excluded)
+        {
+            continue;
+        }
+        let report = FindingReport {
+            kind: finding.kind,
+            about: about(network, &finding.about),
+            text: finding.text.clone(),
+        };
+        if !reports.contains(&report) {
+            reports.push(report);
+        }
+    }
+    reports
 }
 
 fn about(network: &Network, about: &About) -> String {

@@ -6,7 +6,7 @@ use nalgebra::Vector2;
 use rayon::prelude::*;
 
 use super::dot::{DotSettings, MeasuredDot, Standing, View, measure_dot};
-use super::finding::{CandidateSettings, candidates};
+use super::finding::{CandidateSettings, Ground, candidates};
 use super::ring::{RingOutcome, read_ring};
 use super::{
     CodeReading, Detections, Dot, Dot420Settings, DotIndex, Family, Rejected, read_dot420,
@@ -55,8 +55,12 @@ pub fn detect(image: &GreyImage, families: &[Family], settings: &DetectSettings)
     for (place, &slot) in kept.iter().enumerate() {
         place_of[slot] = Some(DotIndex(place as u32));
     }
-    for (slot, outcome) in rings.into_iter().enumerate() {
+    for (slot, outcome) in rings.iter().enumerate() {
         let Some(place) = place_of[slot] else {
+            let dot = &dots[slot];
+            if dot.standing == Standing::Tentative && !in_a_ring(dot.dot.centre_px, slot, &rings) {
+                rejected.push(unconfirmed(dot));
+            }
             continue;
         };
         match outcome {
@@ -64,7 +68,7 @@ pub fn detect(image: &GreyImage, families: &[Family], settings: &DetectSettings)
             RingOutcome::Unreadable(reason) => {
                 rejected.push(Rejected {
                     place_px: dots[slot].dot.centre_px,
-                    reason,
+                    reason: reason.clone(),
                 });
             }
             RingOutcome::Read(ring) => codes.push(CodeReading {
@@ -72,7 +76,7 @@ pub fn detect(image: &GreyImage, families: &[Family], settings: &DetectSettings)
                 id: ring.id,
                 dots: vec![place],
                 misfit: ring.misfit,
-                doubt: ring.doubt,
+                doubt: ring.doubt.clone(),
             }),
         }
     }
@@ -97,12 +101,23 @@ pub fn detect(image: &GreyImage, families: &[Family], settings: &DetectSettings)
     }
 }
 
+fn unconfirmed(dot: &MeasuredDot) -> Rejected {
+    Rejected {
+        place_px: dot.dot.centre_px,
+        reason: format!(
+            "small and close to other light ({:.1} x {:.1} px): only a code round it would tell it from texture",
+            dot.dot.major_px, dot.dot.minor_px
+        ),
+    }
+}
+
 /// Accepted dots by rows and columns, and what was refused.
 fn find_dots(view: &View, settings: &DetectSettings) -> (Vec<MeasuredDot>, Vec<Rejected>) {
     let tree = LevelTree::new(view.image, &level_settings(view, settings));
     let (width, height) = (view.image.width(), view.image.height());
-    let places = candidates(&tree, width, height, &candidate_settings(settings));
-    let measured: Vec<_> = places
+    let found = candidates(&tree, width, height, &candidate_settings(settings));
+    let measured: Vec<_> = found
+        .places
         .into_par_iter()
         .map(|place| (place, measure_dot(view, &place, &settings.dots)))
         .collect();
@@ -118,33 +133,75 @@ fn find_dots(view: &View, settings: &DetectSettings) -> (Vec<MeasuredDot>, Vec<R
         }
     }
     dots.sort_by(|a, b| row_by_row(a.dot.centre_px, b.dot.centre_px));
-    (without_faint_specks(each_once(dots)), rejected)
+    let mut dots = each_once(dots);
+    if found.ground == Ground::Textured {
+        rejected.append(&mut drop_grain(&mut dots));
+    }
+    widen_sigmas(&mut dots);
+    (dots, rejected)
 }
 
-/// Small dots much fainter than the picture's targets are its texture.
-fn without_faint_specks(mut dots: Vec<MeasuredDot>) -> Vec<MeasuredDot> {
-    /// Product of the diameters below which a dot is a possible speck, px^2.
-    const SPECK: f64 = 40.0;
-    /// A speck has less than this share of the contrast of the targets.
+/// Enlarges the sigmas where residuals hang together: in the whole picture because its noise does, as the median of its
+/// dots tells, or on a single dot far beyond chance.
+fn widen_sigmas(dots: &mut [MeasuredDot]) {
+    /// Of fewer dots the median says nothing.
+    const LEAST_DOTS: usize = 16;
+    /// Some ten independent sums: chance exceeds this once in a thousand dots.
+    const CHANCE: f64 = 3.0;
+    let mut all: Vec<f64> = dots.iter().map(|measured| measured.dependence).collect();
+    all.sort_by(f64::total_cmp);
+    let common = if all.len() < LEAST_DOTS {
+        1.0
+    } else {
+        all[all.len() / 2].max(1.0)
+    };
+    for MeasuredDot {
+        dot, dependence, ..
+    } in dots
+    {
+        let own = if *dependence > CHANCE * common {
+            *dependence
+        } else {
+            common
+        };
+        dot.sigma_px *= own.sqrt();
+    }
+}
+
+/// On a textured ground small dots much fainter than the picture's targets are its grain.
+fn drop_grain(dots: &mut Vec<MeasuredDot>) -> Vec<Rejected> {
+    /// Product of the diameters below which a dot may be grain, px^2.
+    const GRAIN: f64 = 20.0;
+    /// Grain has less than this share of the contrast of the targets.
     const FAINT: f64 = 0.25;
     /// The same for dots that a code must confirm.
     const FAINT_TENTATIVE: f64 = 0.5;
-    let size = |measured: &MeasuredDot| measured.dot.major_px * measured.dot.minor_px;
     let mut contrasts: Vec<f64> = dots.iter().map(|measured| measured.dot.contrast).collect();
     contrasts.sort_by(f64::total_cmp);
-    // The brighter dots are targets even where specks are many.
+    // The brighter dots are targets even where grain is much.
     let Some(&bright) = contrasts.get(contrasts.len() * 9 / 10) else {
-        return dots;
+        return Vec::new();
     };
-    dots.retain(|measured| {
-        let least = match measured.standing {
+    let mut rejected = Vec::new();
+    dots.retain(|MeasuredDot { dot, standing, .. }| {
+        let least = match standing {
             Standing::Tentative => FAINT_TENTATIVE,
-            Standing::Firm if size(measured) < SPECK => FAINT,
+            Standing::Firm if dot.major_px * dot.minor_px < GRAIN => FAINT,
             Standing::Firm => 0.0,
         };
-        measured.dot.contrast >= least * bright
+        let kept = dot.contrast >= least * bright;
+        if !kept {
+            rejected.push(Rejected {
+                place_px: dot.centre_px,
+                reason: format!(
+                    "as small and faint as the grain of the surface: {:.0} grey values where targets have {bright:.0}",
+                    dot.contrast
+                ),
+            });
+        }
+        kept
     });
-    dots
+    rejected
 }
 
 fn row_by_row(a: Vector2<f64>, b: Vector2<f64>) -> Ordering {
@@ -268,11 +325,13 @@ fn candidate_settings(settings: &DetectSettings) -> CandidateSettings {
     let area = |diameter: f64| std::f64::consts::FRAC_PI_4 * diameter * diameter;
     CandidateSettings {
         least_levels: 3,
-        least_levels_small: 5,
+        least_levels_alone: 2,
+        least_levels_speck: 5,
         least_levels_bump: 7,
         firm_levels_bump: 9,
         least_area: (settings.dots.least_axes_ratio * area(settings.dots.smallest_px)).max(5.0),
-        largest_area: area(settings.dots.largest_px),
+        // What is larger is shown to be refused, within reason.
+        largest_area: 4.0 * area(settings.dots.largest_px),
     }
 }
 

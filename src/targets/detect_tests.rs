@@ -121,6 +121,54 @@ fn dots_of_every_size_and_tilt_are_found_with_true_sigmas() {
     }
 }
 
+/// Oblique dots over noise of 2 grey values: resolved and faint, then small.
+#[test]
+fn faint_oblique_dots_are_found_with_true_sigmas() {
+    for (light, major, minor, least_found) in [
+        (22.0, 10.0, 4.6, 95),
+        (40.0, 8.0, 3.6, 99),
+        (55.0, 6.5, 3.0, 97),
+    ] {
+        let (mut canvas, mut centres) = field(10, 10, 24.0, 9, |rng| Axes {
+            major: major / 2.0,
+            minor: minor / 2.0,
+            angle: rng.random::<f64>() * PI,
+        });
+        // Something far brighter is in the picture too.
+        let bright = Vector2::new(120.0, 120.0);
+        canvas.paint(bright, 12.0, 0.0, |_| true);
+        centres.retain(|centre| (centre - bright).norm() > 20.0);
+        canvas.paint(bright, 10.0, (150.0 / light) as f32, |at| {
+            (at - bright).norm() < 8.0
+        });
+        let exposure = Exposure {
+            light,
+            noise: 2.0,
+            ..Exposure::default()
+        };
+        let detections = found_in(&canvas, &exposure);
+        let accuracy = accuracy(&detections, &centres);
+        let lost = 100 - least_found;
+        assert!(
+            accuracy.found + lost >= centres.len(),
+            "{light}: {} of {}",
+            accuracy.found,
+            centres.len()
+        );
+        assert_eq!(
+            detections.dots.len(),
+            accuracy.found + 1,
+            "{light}: false dots"
+        );
+        // 190 coordinates give the ratio to 5 %; four times that.
+        assert!(
+            (accuracy.ratio - 1.0).abs() < 0.2,
+            "{light}: {}",
+            accuracy.ratio
+        );
+    }
+}
+
 #[test]
 fn axes_are_full_diameters() {
     let mut canvas = Canvas::new(120, 100);

@@ -4,8 +4,8 @@ use nalgebra::Vector2;
 
 use super::Dot;
 use super::ellipse::{Axes, Ellipse};
-use super::finding::Candidate;
-use super::fit::{Fit, Freedom, drop_foreign, fit};
+use super::finding::{Candidate, Kind};
+use super::fit::{Fit, Freedom, Rest, drop_foreign, fit, trust};
 use super::profile::Profile;
 use super::window::{Pixel, WindowSettings, pixels_of};
 use crate::imaging::GreyImage;
@@ -15,11 +15,13 @@ use crate::imaging::GreyImage;
 pub struct DotSettings {
     /// Smallest larger diameter, px: below it a dot is not told from a glint. Default 3.5.
     pub smallest_px: f64,
+    /// Smallest smaller diameter, px: below it the shape is the pixels' and the lens's. Default 2.
+    pub smallest_minor_px: f64,
     /// Largest larger diameter, px. Default 150.
     pub largest_px: f64,
     /// Least ratio of the diameters: the cosine of the incidence angle. Default 0.2 (78 degrees).
     pub least_axes_ratio: f64,
-    /// Least contrast as a multiple of the noise. Default 8.
+    /// Least contrast as a multiple of the noise. Default 5.
     pub least_signal_to_noise: f64,
     /// Largest root mean square misfit of the dot and its edge beyond the noise, as a share of the contrast:
     /// rejects what is partly covered or not elliptic. Default 0.06.
@@ -32,9 +34,10 @@ impl Default for DotSettings {
     fn default() -> Self {
         Self {
             smallest_px: 3.5,
+            smallest_minor_px: 2.0,
             largest_px: 150.0,
             least_axes_ratio: 0.2,
-            least_signal_to_noise: 8.0,
+            least_signal_to_noise: 5.0,
             largest_misfit: 0.06,
             largest_blur: 0.5,
         }
@@ -60,6 +63,8 @@ pub(super) struct MeasuredDot {
     pub(super) blur: f64,
     /// Misfit beyond the noise as a share of the contrast.
     pub(super) misfit: f64,
+    /// How many times larger the variance of the centre is than that of `dot`, which takes residuals as independent.
+    pub(super) dependence: f64,
     /// Whether the dot alone is enough.
     pub(super) standing: Standing,
 }
@@ -115,25 +120,31 @@ pub(super) fn measure_dot(
     if candidate.at_border {
         return Err("cut off at the picture's border".into());
     }
-    let standing = if candidate.is_bump {
-        Standing::Tentative
-    } else {
-        Standing::Firm
-    };
-    let mut open = measure_in(view, candidate, Surroundings::Open, settings);
-    if let Ok(dot) = &mut open {
-        dot.standing = standing;
+    if let Some(axes) = candidate.ellipse.axes()
+        && 2.0 * axes.major > 1.2 * settings.largest_px
+    {
+        return Err(format!("too large: {:.0} px", 2.0 * axes.major));
     }
-    if open.is_ok() || !is_rimmed(view, candidate) {
+    let firm_if = |firm: bool| {
+        if firm {
+            Standing::Firm
+        } else {
+            Standing::Tentative
+        }
+    };
+    let open = measure_in(view, candidate, Surroundings::Open, settings);
+    if let Ok(dot) = open {
+        let standing = firm_if(candidate.kind != Kind::Bump);
+        return Ok(MeasuredDot { standing, ..dot });
+    }
+    if !is_rimmed(view, candidate) {
         return open;
     }
-    let standing = if is_small(candidate) {
-        Standing::Tentative
-    } else {
-        standing
-    };
     match measure_in(view, candidate, Surroundings::Rim, settings) {
-        Ok(dot) => Ok(MeasuredDot { standing, ..dot }),
+        Ok(dot) => {
+            let standing = firm_if(candidate.kind != Kind::Bump && !is_small(candidate));
+            Ok(MeasuredDot { standing, ..dot })
+        }
         Err(_) => open,
     }
 }
@@ -192,27 +203,31 @@ fn measure_in(
     surroundings: Surroundings,
     settings: &DotSettings,
 ) -> Result<MeasuredDot, String> {
+    let unfitted = "no ellipse can be fitted";
     let origin = candidate.ellipse.centre;
-    let first = first_fit(view, candidate, surroundings).ok_or("no ellipse can be fitted")?;
+    let (first, pixels) = first_fit(view, candidate, surroundings).ok_or(unfitted)?;
     plausible(candidate, &first)?;
-    let second = match surroundings {
-        Surroundings::Open if hopeless(&first) => return judged(view, origin, &first, settings),
-        Surroundings::Open => {
-            second_fit(view, candidate, &first).ok_or("no ellipse can be fitted")?
+    let (second, pixels) = match surroundings {
+        Surroundings::Open if !hopeless(&first) => {
+            second_fit(view, candidate, &first).ok_or(unfitted)?
         }
-        Surroundings::Rim => first,
+        _ => (first, pixels),
     };
     plausible(candidate, &second)?;
-    judged(view, origin, &second, settings)
+    judged(view, origin, &second, &pixels, settings)
 }
 
 /// A misfit so large that no second fit can mend it.
 fn hopeless(first: &Fit) -> bool {
     const HOPELESS: f64 = 0.2;
-    first.dot_residual > HOPELESS * first.profile.amplitude()
+    first.residual > HOPELESS * first.profile.amplitude()
 }
 
-fn first_fit(view: &View, candidate: &Candidate, surroundings: Surroundings) -> Option<Fit> {
+fn first_fit(
+    view: &View,
+    candidate: &Candidate,
+    surroundings: Surroundings,
+) -> Option<(Fit, Vec<Pixel>)> {
     let origin = candidate.ellipse.centre;
     let ellipse = Ellipse {
         centre: Vector2::zeros(),
@@ -235,7 +250,12 @@ fn first_fit(view: &View, candidate: &Candidate, surroundings: Surroundings) -> 
     let pixels = pixels_of(view.image, &guess, &window);
     let (background, amplitude) = first_grey_values(&pixels, &guess, off_edge)?;
     let start = Profile::new(&ellipse, FIRST_BLUR, background, amplitude);
-    fit(&pixels, start, freedom, view.clipping)
+    let rest = match surroundings {
+        Surroundings::Open => Rest::Rough,
+        Surroundings::Rim => Rest::Fine,
+    };
+    let first = fit(&pixels, start, freedom, rest, view.clipping)?;
+    Some((first, pixels))
 }
 
 /// Background and amplitude from the pixels off the edge; `None` where too few of either are seen.
@@ -256,7 +276,7 @@ fn first_grey_values(pixels: &[Pixel], guess: &Profile, off_edge: f64) -> Option
     (top > background).then_some((background, top - background))
 }
 
-fn second_fit(view: &View, candidate: &Candidate, first: &Fit) -> Option<Fit> {
+fn second_fit(view: &View, candidate: &Candidate, first: &Fit) -> Option<(Fit, Vec<Pixel>)> {
     /// A slope of the amplitude is told from a shift when the dot's smaller radius is this many blurs.
     const CORE_FOR_SLOPE: f64 = 5.0;
     let blur = first.profile.blur();
@@ -269,21 +289,21 @@ fn second_fit(view: &View, candidate: &Candidate, first: &Fit) -> Option<Fit> {
     let mut pixels = pixels_of(view.image, &first.profile, &window);
     drop_foreign(&mut pixels, first, view.noise);
     let minor = first.profile.ellipse().axes()?.minor;
-    let even = fit(&pixels, first.profile, Freedom::Even, view.clipping)?;
+    let fit_with = |start, freedom| fit(&pixels, start, freedom, Rest::Fine, view.clipping);
+    let even = fit_with(first.profile, Freedom::Even)?;
     if minor < CORE_FOR_SLOPE * even.profile.blur() {
-        return Some(even);
+        return Some((even, pixels));
     }
-    let sloping = fit(&pixels, even.profile, Freedom::Sloping, view.clipping);
-    match sloping {
-        Some(sloping) if slope_is_real(&even, &sloping, pixels.len()) => Some(sloping),
-        _ => Some(even),
+    match fit_with(even.profile, Freedom::Sloping) {
+        Some(sloping) if slope_is_real(&even, &sloping) => Some((sloping, pixels)),
+        _ => Some((even, pixels)),
     }
 }
 
 /// Whether two more parameters explain more than noise would let them (F test, far beyond its one per mille point).
-fn slope_is_real(even: &Fit, sloping: &Fit, pixels: usize) -> bool {
+fn slope_is_real(even: &Fit, sloping: &Fit) -> bool {
     const LEAST_F: f64 = 10.0;
-    let freedom = pixels as f64 - 12.0;
+    let freedom = sloping.used as f64 - 12.0;
     let before = even.residual.powi(2) * (freedom + 2.0);
     let after = sloping.residual.powi(2) * freedom;
     (before - after) / 2.0 > LEAST_F * after / freedom
@@ -309,6 +329,7 @@ fn judged(
     view: &View,
     origin: Vector2<f64>,
     fit: &Fit,
+    pixels: &[Pixel],
     settings: &DotSettings,
 ) -> Result<MeasuredDot, String> {
     let profile = &fit.profile;
@@ -319,7 +340,8 @@ fn judged(
     };
     let axes = ellipse.axes().ok_or("no ellipse can be fitted")?;
     let contrast = profile.amplitude();
-    let misfit = (fit.dot_residual.powi(2) - view.noise.powi(2))
+    let trust = trust(pixels, fit, view.clipping).ok_or("no ellipse can be fitted")?;
+    let misfit = (trust.dot_residual.powi(2) - view.noise.powi(2))
         .max(0.0)
         .sqrt()
         / contrast;
@@ -335,6 +357,9 @@ fn judged(
     }
     if major_px < settings.smallest_px {
         return Err(format!("too small: {major_px:.1} px"));
+    }
+    if minor_px < settings.smallest_minor_px {
+        return Err(format!("too narrow: {major_px:.1} x {minor_px:.1} px"));
     }
     if major_px > settings.largest_px {
         return Err(format!("too large: {major_px:.0} px"));
@@ -362,7 +387,7 @@ fn judged(
     Ok(MeasuredDot {
         dot: Dot {
             centre_px: ellipse.centre,
-            sigma_px: fit.sigma_px,
+            sigma_px: trust.sigma_px,
             major_px,
             minor_px,
             angle: axes.angle,
@@ -372,6 +397,7 @@ fn judged(
         ellipse,
         blur: profile.blur(),
         misfit,
+        dependence: trust.dependence,
         standing: Standing::Firm,
     })
 }

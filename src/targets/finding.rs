@@ -14,12 +14,37 @@ pub(super) struct Candidate {
     pub(super) ellipse: Ellipse,
     /// Grey value of that component's level: separates the dot from its neighbours.
     pub(super) level: f64,
-    /// Grey values over which the component keeps its shape.
-    pub(super) contrast: f64,
-    /// Whether it is one of the small bumps that bright texture is full of.
-    pub(super) is_bump: bool,
+    /// How far its shape alone tells it from texture.
+    pub(super) kind: Kind,
     /// Whether the component touches the picture's border.
     pub(super) at_border: bool,
+}
+
+/// How far a candidate's shape alone tells it from texture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// Its outline has pixels enough to show an ellipse.
+    Resolved,
+    /// A few pixels that stand alone on a dark ground.
+    Speck,
+    /// A few pixels on something brighter: texture makes such bumps everywhere.
+    Bump,
+}
+
+/// What a picture's small elliptic components are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Ground {
+    /// They are few: a dark ground on which even a faint speck is something.
+    Plain,
+    /// They are more than all other candidates: the grain of a surface.
+    Textured,
+}
+
+/// The candidates of a picture.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Candidates {
+    pub(super) places: Vec<Candidate>,
+    pub(super) ground: Ground,
 }
 
 /// What a component must look like to be a candidate.
@@ -27,15 +52,17 @@ pub(super) struct Candidate {
 pub(super) struct CandidateSettings {
     /// Least number of levels over which the shape is kept.
     pub(super) least_levels: u32,
-    /// The same for components of few pixels that stand alone above the noise.
-    pub(super) least_levels_small: u32,
-    /// The same for components of few pixels that stand on something bright: texture makes small bumps everywhere.
+    /// The same for components that stand alone and are large enough that noise does not make them.
+    pub(super) least_levels_alone: u32,
+    /// The same for specks on a textured ground.
+    pub(super) least_levels_speck: u32,
+    /// The same for bumps on a textured ground.
     pub(super) least_levels_bump: u32,
-    /// From this number of levels on a bump counts as a dot by itself.
+    /// From this number of levels on a bump counts as a speck.
     pub(super) firm_levels_bump: u32,
     /// Least area of the component half-way up, px.
     pub(super) least_area: f64,
-    /// Largest area, px.
+    /// Largest area that is looked at, px.
     pub(super) largest_area: f64,
 }
 
@@ -45,6 +72,12 @@ const LEAST_FILL: f64 = 0.88;
 const LEAST_FILL_SMALL: f64 = 0.82;
 /// Components below this area count as small, px.
 const SMALL_AREA: u32 = 40;
+/// Components below this area, half-way up, are specks or bumps: no outline is seen, px.
+const SPECK_AREA: u32 = 16;
+/// From this area on noise makes no component of several levels, px.
+const BEYOND_NOISE_AREA: u32 = 20;
+/// A component stands alone if what holds it at the first level is at most this many times as large.
+const ALONE: u32 = 4;
 /// Axes ratio below which no circle is seen.
 const LEAST_AXES_RATIO: f64 = 0.15;
 /// From one level to the next a dot loses at most this share of its area; a chain that loses more has changed its object.
@@ -56,14 +89,15 @@ pub(super) fn candidates(
     width: usize,
     height: usize,
     settings: &CandidateSettings,
-) -> Vec<Candidate> {
+) -> Candidates {
     let nodes = &tree.nodes;
     let elliptic: Vec<bool> = nodes.iter().map(is_elliptic).collect();
     let largest_child = largest_children(nodes);
+    let ground_area = ground_areas(nodes);
     let mut chain_of = vec![None; nodes.len()];
     let mut chains: Vec<Vec<u32>> = Vec::new();
     for slot in 0..nodes.len() {
-        if !elliptic[slot] || f64::from(nodes[slot].area) > 4.0 * settings.largest_area {
+        if !elliptic[slot] || f64::from(nodes[slot].area) > settings.largest_area {
             continue;
         }
         let continued = nodes[slot].parent.filter(|&parent| {
@@ -82,10 +116,51 @@ pub(super) fn candidates(
         chain_of[slot] = Some(chain);
         chains[chain].push(slot as u32);
     }
-    chains
+    let found: Vec<(Candidate, Strength)> = chains
         .iter()
-        .filter_map(|chain| candidate(nodes, chain, width, height, settings))
-        .collect()
+        .filter_map(|chain| candidate(nodes, &ground_area, chain, width, height, settings))
+        .collect();
+    let weak = found
+        .iter()
+        .filter(|(_, strength)| *strength == Strength::Weak)
+        .count();
+    let ground = if 2 * weak > found.len() {
+        Ground::Textured
+    } else {
+        Ground::Plain
+    };
+    let places = found
+        .into_iter()
+        .filter(|(_, strength)| ground == Ground::Plain || *strength == Strength::Clear)
+        .map(|(place, _)| match (ground, place.kind) {
+            // Without texture a bump is a dot near another.
+            (Ground::Plain, Kind::Bump) => Candidate {
+                kind: Kind::Speck,
+                ..place
+            },
+            _ => place,
+        })
+        .collect();
+    Candidates { places, ground }
+}
+
+/// Whether a candidate would stand on a textured ground too.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Strength {
+    Clear,
+    Weak,
+}
+
+/// Area of what holds each component at the first level.
+fn ground_areas(nodes: &[LevelNode]) -> Vec<u32> {
+    let mut areas: Vec<u32> = Vec::with_capacity(nodes.len());
+    for node in nodes {
+        areas.push(
+            node.parent
+                .map_or(node.area, |parent| areas[parent as usize]),
+        );
+    }
+    areas
 }
 
 fn largest_children(nodes: &[LevelNode]) -> Vec<Option<u32>> {
@@ -121,42 +196,55 @@ fn is_elliptic(node: &LevelNode) -> bool {
 
 fn candidate(
     nodes: &[LevelNode],
+    ground_area: &[u32],
     chain: &[u32],
     width: usize,
     height: usize,
     settings: &CandidateSettings,
-) -> Option<Candidate> {
+) -> Option<(Candidate, Strength)> {
     let first = &nodes[*chain.first()? as usize];
     let last = &nodes[*chain.last()? as usize];
     let half = 0.5 * (first.level + last.level);
-    let middle = chain
-        .iter()
-        .map(|&slot| &nodes[slot as usize])
-        .min_by(|a, b| (a.level - half).abs().total_cmp(&(b.level - half).abs()))?;
-    let small = middle.area < SMALL_AREA;
-    let least_levels = match (small, first.parent) {
-        (false, _) => settings.least_levels,
-        (true, None) => settings.least_levels_small,
-        (true, Some(_)) => settings.least_levels_bump,
+    let &middle = chain.iter().min_by(|&&a, &&b| {
+        let off = |slot: u32| (nodes[slot as usize].level - half).abs();
+        off(a).total_cmp(&off(b))
+    })?;
+    let alone = ground_area[middle as usize] <= ALONE * nodes[middle as usize].area;
+    let middle = &nodes[middle as usize];
+    let levels = chain.len() as u32;
+    let kind = match (middle.area < SPECK_AREA, alone) {
+        (false, _) => Kind::Resolved,
+        (true, true) => Kind::Speck,
+        (true, false) if levels >= settings.firm_levels_bump => Kind::Speck,
+        (true, false) => Kind::Bump,
     };
-    if (chain.len() as u32) < least_levels {
+    let least_levels = if alone && middle.area >= BEYOND_NOISE_AREA {
+        settings.least_levels_alone
+    } else {
+        settings.least_levels
+    };
+    if levels < least_levels || f64::from(middle.area) < settings.least_area {
         return None;
     }
-    let area = f64::from(middle.area);
-    if area < settings.least_area || area > settings.largest_area {
-        return None;
-    }
+    let clear_levels = match kind {
+        Kind::Resolved => least_levels,
+        Kind::Speck => settings.least_levels_speck,
+        Kind::Bump => settings.least_levels_bump,
+    };
+    let strength = if levels >= clear_levels {
+        Strength::Clear
+    } else {
+        Strength::Weak
+    };
     let at_border = middle.columns[0] == 0
         || middle.rows[0] == 0
         || middle.columns[1] as usize + 1 == width
         || middle.rows[1] as usize + 1 == height;
-    Some(Candidate {
+    let place = Candidate {
         ellipse: Ellipse::from_moments(Vector2::new(middle.x_px, middle.y_px), middle.moments)?,
         level: middle.level,
-        contrast: last.level - first.level,
-        is_bump: small
-            && first.parent.is_some()
-            && (chain.len() as u32) < settings.firm_levels_bump,
+        kind,
         at_border,
-    })
+    };
+    Some((place, strength))
 }

@@ -38,24 +38,52 @@ impl Freedom {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Fit {
     pub(super) profile: Profile,
-    /// Standard error of the centre, rms over x and y, px: from the residuals where the centre takes its information.
-    pub(super) sigma_px: f64,
     /// Root mean square residual of all pixels, with their redundancy.
     pub(super) residual: f64,
-    /// The same over the dot and its edge.
+    /// The pixels that were used, without clipped ones.
+    pub(super) used: usize,
+    freedom: Freedom,
+    normal: Normal,
+}
+
+/// How far a fit is to be trusted.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Trust {
+    /// Standard error of the centre, rms over x and y, px: from the residuals where the centre takes its information.
+    pub(super) sigma_px: f64,
+    /// Root mean square residual over the dot and its edge, with their redundancy.
     pub(super) dot_residual: f64,
+    /// How many times larger the variance of the centre is than independent residuals would make it.
+    pub(super) dependence: f64,
 }
 
 /// The profile is as narrow as a pixel's own width at least (1/sqrt(12) px), less a little.
 const LEAST_BLUR: f64 = 0.27;
 const MOST_STEPS: usize = 25;
-/// The centre has come to rest when it moves less than this, px.
-const AT_REST: f64 = 1e-4;
+/// How near to the minimum a fit goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Rest {
+    /// Near enough to start another fit from.
+    Rough,
+    /// Far below the noise.
+    Fine,
+}
+
+impl Rest {
+    /// The centre has come to rest when it moves less than this, px.
+    fn step(self) -> f64 {
+        match self {
+            Rest::Rough => 5e-3,
+            Rest::Fine => 1e-4,
+        }
+    }
+}
 
 struct Equations {
     normal: Normal,
     right: Parameters,
     cost: f64,
+    used: usize,
 }
 
 /// Fits the profile to the pixels; `None` where no dot's profile can be fitted. Pixels at or above `clipping` only
@@ -64,8 +92,10 @@ pub(super) fn fit(
     pixels: &[Pixel],
     start: Profile,
     freedom: Freedom,
+    rest: Rest,
     clipping: Option<f64>,
 ) -> Option<Fit> {
+    let at_rest = rest.step();
     let mut profile = start;
     let mut equations = build(pixels, &profile, freedom, clipping);
     let mut damping = 1e-3;
@@ -90,14 +120,14 @@ pub(super) fn fit(
                 let small_gain = gain <= 1e-6 * tried.cost;
                 equations = tried;
                 damping *= 0.1;
-                if step[0].hypot(step[1]) < AT_REST
-                    || (small_gain && step[0].hypot(step[1]) < 10.0 * AT_REST)
+                if step[0].hypot(step[1]) < at_rest
+                    || (small_gain && step[0].hypot(step[1]) < 10.0 * at_rest)
                 {
                     break;
                 }
             }
             _ => {
-                if step[0].hypot(step[1]) < AT_REST {
+                if step[0].hypot(step[1]) < at_rest {
                     break;
                 }
                 damping = (damping * 10.0).max(1e-6);
@@ -107,7 +137,14 @@ pub(super) fn fit(
             }
         }
     }
-    statistics(pixels, profile, &equations, freedom, clipping)
+    let redundancy = equations.used as f64 - freedom.count() as f64;
+    (redundancy >= 5.0).then(|| Fit {
+        profile,
+        residual: (equations.cost / redundancy).sqrt(),
+        used: equations.used,
+        freedom,
+        normal: equations.normal,
+    })
 }
 
 /// Parameters that a pixel of the zone tells of.
@@ -136,7 +173,7 @@ fn build(
     };
     let mut normal = [[0.0; PARAMETERS]; PARAMETERS];
     let mut right = [0.0; PARAMETERS];
-    let mut cost = 0.0;
+    let (mut cost, mut used) = (0.0, 0);
     for pixel in pixels {
         let sample = profile.sample(pixel.place);
         if is_clipped(pixel.grey, sample.value, clipping) {
@@ -144,6 +181,7 @@ fn build(
         }
         let misfit = pixel.grey - sample.value;
         cost += misfit * misfit;
+        used += 1;
         let span = span(sample.zone);
         for i in span.start..span.end.min(end) {
             let by_i = sample.derivatives[i];
@@ -170,6 +208,7 @@ fn build(
         normal,
         right,
         cost,
+        used,
     }
 }
 
@@ -193,20 +232,52 @@ fn unit_scale(normal: &Normal) -> Option<Parameters> {
         .then(|| diagonal.map(|value| value.sqrt().recip()))
 }
 
-/// How many times larger the variance of the centre is than independent residuals would make it, because they hang
-/// together along the edge (shadows, dirt, a shape that is no ellipse): the residuals' effects are summed in sectors
-/// first. What chance alone does not exceed counts as 1.
-fn dependence(sectors: &[[f64; 2]; SECTORS], variance: [f64; 2]) -> f64 {
-    /// Eight sums of two coordinates: chance exceeds this once in some hundred dots.
-    const CHANCE: f64 = 2.2;
-    let together: f64 = sectors.iter().map(|[x, y]| x * x + y * y).sum();
-    let apart = variance[0] + variance[1];
-    let ratio = if apart > 0.0 { together / apart } else { 1.0 };
-    if ratio > CHANCE { ratio } else { 1.0 }
-}
-
 /// Sectors of the edge within which residuals may hang together.
 const SECTORS: usize = 8;
+
+/// Sums over one sector of the edge: what its residuals do to the centre, and what they would do if they were independent.
+#[derive(Clone, Copy)]
+struct Sector {
+    moved: [f64; 2],
+    squares: [f64; 2],
+    /// Derivatives weighted as the residuals are: the fit has taken this much out of them.
+    taken: [Parameters; 2],
+}
+
+impl Sector {
+    fn empty() -> Self {
+        Self {
+            moved: [0.0; 2],
+            squares: [0.0; 2],
+            taken: [Parameters::zeros(); 2],
+        }
+    }
+
+    fn add(&mut self, axis: usize, weight: f64, misfit: f64, derivatives: &Parameters) {
+        self.moved[axis] += weight * misfit;
+        self.squares[axis] += weight * weight;
+        self.taken[axis] += derivatives * weight;
+    }
+}
+
+/// Residuals hang together along the edge where the noise does (resampled, compressed or sharpened pictures), and
+/// under shadows, dirt and shapes that are no ellipse. Their effects on the centre are summed in sectors; the ratio to
+/// what independent residuals of the same fit would give has the expectation 1, or more where they hang together.
+fn dependence(sectors: &[Sector; SECTORS], cofactor: &Normal, variance: f64) -> f64 {
+    let (mut together, mut apart) = (0.0, 0.0);
+    for sector in sectors {
+        for axis in 0..2 {
+            together += sector.moved[axis].powi(2);
+            let taken = &sector.taken[axis];
+            apart += sector.squares[axis] - taken.dot(&(cofactor * taken));
+        }
+    }
+    if apart > 0.0 && variance > 0.0 {
+        together / (apart * variance)
+    } else {
+        1.0
+    }
+}
 
 /// The sector in which a direction from the centre lies.
 fn sector(from_centre: Vector2<f64>) -> usize {
@@ -217,62 +288,35 @@ fn sector(from_centre: Vector2<f64>) -> usize {
 /// Variance of the centre with the residuals in place of an assumed noise (White, 1980, in the form HC2 of MacKinnon
 /// and White, 1985: squared residuals divided by their redundancy): a bright dot is noisier than its background, and a textured
 /// background says nothing of the edge.
-fn statistics(
-    pixels: &[Pixel],
-    profile: Profile,
-    equations: &Equations,
-    freedom: Freedom,
-    clipping: Option<f64>,
-) -> Option<Fit> {
+pub(super) fn trust(pixels: &[Pixel], fit: &Fit, clipping: Option<f64>) -> Option<Trust> {
     /// The variance from residuals where they act is blended with the one from their mean over the dot and its edge,
     /// which has fewer assumptions against it but three times the scatter.
     const SHARE_BY_PLACE: f64 = 0.3;
     /// Variance of rounding to whole grey values.
     const ROUNDING: f64 = 1.0 / 12.0;
-    let scale = unit_scale(&equations.normal)?;
-    let scaled = Normal::from_fn(|i, j| equations.normal[(i, j)] * scale[i] * scale[j]);
-    let cofactor = scaled.cholesky()?.inverse();
-    let cofactor = Normal::from_fn(|i, j| cofactor[(i, j)] * scale[i] * scale[j]);
+    let cofactor = cofactor(fit)?;
+    let centre = fit.profile.ellipse().centre;
     let mut variance = [0.0; 2];
-    let mut sectors = [[0.0; 2]; SECTORS];
-    let (mut used, mut squares) = (0.0, 0.0);
+    let mut sectors = [Sector::empty(); SECTORS];
     let (mut dot_redundancy, mut dot_squares) = (0.0, 0.0);
     for pixel in pixels {
-        let sample = profile.sample(pixel.place);
-        if is_clipped(pixel.grey, sample.value, clipping) {
+        let sample = fit.profile.sample(pixel.place);
+        if sample.zone == Zone::Outside || is_clipped(pixel.grey, sample.value, clipping) {
             continue;
         }
         let misfit = pixel.grey - sample.value;
         let square = misfit * misfit;
-        used += 1.0;
-        squares += square;
-        if sample.zone == Zone::Outside {
-            continue;
-        }
-        let span = span(sample.zone);
-        let mut projected = Parameters::zeros();
-        let mut leverage = 0.0;
-        for i in 0..PARAMETERS {
-            projected[i] = span
-                .clone()
-                .filter(|&j| freedom.moves(j))
-                .map(|j| cofactor[(i, j)] * sample.derivatives[j])
-                .sum();
-            if span.contains(&i) && freedom.moves(i) {
-                leverage += sample.derivatives[i] * projected[i];
-            }
-        }
-        let redundancy = (1.0 - leverage).max(0.05);
+        let projected = cofactor * sample.derivatives;
+        let redundancy = (1.0 - projected.dot(&sample.derivatives)).max(0.05);
         dot_redundancy += redundancy;
         dot_squares += square;
-        let together = &mut sectors[sector(pixel.place - profile.ellipse().centre)];
+        let together = &mut sectors[sector(pixel.place - centre)];
         for axis in 0..2 {
-            together[axis] += projected[axis] * misfit / redundancy.sqrt();
+            together.add(axis, projected[axis], misfit, &sample.derivatives);
             variance[axis] += projected[axis].powi(2) * square / redundancy;
         }
     }
-    let freedom = used - freedom.count() as f64;
-    if freedom < 5.0 || dot_redundancy <= 0.0 {
+    if dot_redundancy <= 0.0 {
         return None;
     }
     let even = (dot_squares / dot_redundancy).max(ROUNDING);
@@ -282,12 +326,25 @@ fn statistics(
         })
         .sum();
     let mean = 0.5 * blended;
-    Some(Fit {
-        profile,
-        sigma_px: (mean * dependence(&sectors, variance)).sqrt(),
-        residual: (squares / freedom).sqrt(),
+    Some(Trust {
+        sigma_px: mean.sqrt(),
+        dependence: dependence(&sectors, &cofactor, even),
         dot_residual: (dot_squares / dot_redundancy).sqrt(),
     })
+}
+
+/// Inverse of the normal equations, zero for parameters that were held.
+fn cofactor(fit: &Fit) -> Option<Normal> {
+    let scale = unit_scale(&fit.normal)?;
+    let scaled = Normal::from_fn(|i, j| fit.normal[(i, j)] * scale[i] * scale[j]);
+    let inverse = scaled.cholesky()?.inverse();
+    Some(Normal::from_fn(|i, j| {
+        if fit.freedom.moves(i) && fit.freedom.moves(j) {
+            inverse[(i, j)] * scale[i] * scale[j]
+        } else {
+            0.0
+        }
+    }))
 }
 
 /// Drops background pixels that the fit cannot explain: text, scratches, faint neighbours. Pixels of the dot and its
