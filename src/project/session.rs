@@ -189,7 +189,6 @@ impl Session {
         Ok(value)
     }
 
-<<<<<<< HEAD
     /// Makes an edit of the operator.
     ///
     /// # Errors
@@ -241,7 +240,8 @@ impl Session {
         }
         self.network = network;
         Ok(Some(title))
-=======
+    }
+
     /// Looks again for pictures that could not be read when their targets were to be detected (a drive that was not
     /// there, a file that was moved) and says how many can be read now: the next run detects them.
     ///
@@ -264,7 +264,6 @@ impl Session {
             network.inputs += 1;
             Ok(readable.len())
         })
->>>>>>> main
     }
 
     /// Begins the next step of a stage; `None` where the stage has none, which concludes it.
