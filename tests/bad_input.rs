@@ -625,7 +625,9 @@ fn a_second_writer_is_refused_and_readers_are_not() {
 fn another_process_that_runs_is_a_writer_too() {
     let folder = Folder::with_scene("running");
     folder.run(&NEW).done();
+    // One thread: it must not be ready before the second begins.
     let mut first = program(&folder.at("."), &["run", "p.tiepoint"])
+        .env("RAYON_NUM_THREADS", "1")
         .spawn()
         .unwrap();
     let mut lines = BufReader::new(first.stderr.take().unwrap()).lines();

@@ -241,7 +241,9 @@ fn a_run_that_is_killed_goes_on_with_the_same_digits() {
 fn a_run_that_is_interrupted_says_so_and_goes_on_with_the_same_digits() {
     let folder = Folder::with_scene("interrupted");
     folder.run(&NEW).done();
+    // One thread: on many, all pictures could be under way, and soon finished, when the signal comes.
     let mut run = program(&folder.at("."), &["run", "p.tiepoint", "--json"])
+        .env("RAYON_NUM_THREADS", "1")
         .spawn()
         .unwrap();
     let process = run.id().to_string();

@@ -178,7 +178,7 @@ pub(super) fn image_residuals(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::adjustment::simulation::lens_camera;
+    use crate::camera::fixture::wide_angle_camera;
     use nalgebra::SVector;
     use proptest::prelude::*;
 
@@ -189,7 +189,7 @@ mod tests {
     proptest! {
         #[test]
         fn derivatives_of_a_ray_agree_with_differences(point in vector(150.0), aside in vector(300.0), roll in -3.0..3.0) {
-            let camera = lens_camera();
+            let camera = wide_angle_camera();
             let pose = Pose::looking_at(Vector3::new(200.0, -300.0, 1000.0) + aside, Vector3::zeros(), Vector3::y(), roll);
             let pixel = Vector2::new(1000.0, 900.0);
             let at = |camera: &Camera, pose: &Pose, point: &Vector3<f64>| ray_residual(camera, pose, point, PointShape::Place, &pixel).unwrap();

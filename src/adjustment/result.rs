@@ -137,25 +137,4 @@ impl Adjustment {
             .sum();
         (variances / (3 * self.stations.len()).max(1) as f64).sqrt()
     }
-
-    /// Correlations of a camera's parameters, -1 to 1; zeros in rows and columns of fixed ones.
-    #[must_use]
-    pub fn correlation(&self, camera: usize) -> SMatrix<f64, 10, 10> {
-        let q = &self.cameras[camera].covariance;
-        SMatrix::from_fn(|i, j| {
-            let product = q[(i, i)] * q[(j, j)];
-            if product > 0.0 {
-                q[(i, j)] / product.sqrt()
-            } else {
-                0.0
-            }
-        })
-    }
-
-    /// Residuals of an image observation in units of their a-posteriori standard deviation (Pope, 1976).
-    #[must_use]
-    pub fn standardised(&self, observation: usize) -> Option<Vector2<f64>> {
-        let normalised = self.observations.get(observation)?.normalised?;
-        (self.sigma0 > 0.0).then(|| normalised / self.sigma0)
-    }
 }

@@ -11,24 +11,10 @@ use super::{
     Adjustment, AdjustmentError, BundleProblem, BundleSettings, CameraBlock, Datum,
     DistanceObservation, ImageObservation, ParameterState, PointBlock, StationBlock, adjust,
 };
-use crate::camera::{Camera, InteriorOrientation};
+use crate::camera::InteriorOrientation;
+use crate::camera::fixture::wide_angle_camera;
 use crate::geometry::Pose;
 use crate::monitor::Monitor;
-
-pub(super) fn lens_camera() -> Camera {
-    Camera {
-        width_px: 3072,
-        height_px: 2048,
-        pixel_pitch_mm: 0.009,
-        interior: InteriorOrientation {
-            principal_distance: 20.0,
-            principal_point: [0.1, -0.05],
-            radial: [1.5e-4, -4e-7, 2e-10],
-            tangential: [1e-5, -2e-5],
-            affinity: [1e-4, -5e-5],
-        },
-    }
-}
 
 /// What to simulate.
 #[derive(Clone, Copy)]
@@ -85,7 +71,7 @@ pub(super) fn box_network(scene: &Scene) -> Simulated {
             Pose::looking_at(centre, noise.vector() * 30.0, Vector3::z(), roll)
         })
         .collect();
-    let camera = lens_camera();
+    let camera = wide_angle_camera();
     let mut observations = Vec::new();
     for (p, point) in points.iter().enumerate() {
         for (s, pose) in poses.iter().enumerate() {

@@ -7,6 +7,8 @@
 //! Image coordinates: millimetres, x right, y up, origin at the image centre. Pixel coordinates: x right, y down,
 //! origin at the top-left corner of the image, the first pixel's centre at (0.5, 0.5).
 
+#[cfg(test)]
+pub(crate) mod fixture;
 mod interior;
 mod projection;
 

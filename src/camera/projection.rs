@@ -121,42 +121,28 @@ impl Camera {
 
 #[cfg(test)]
 mod tests {
+    use super::super::fixture::wide_angle_camera;
     use super::*;
     use nalgebra::SVector;
     use proptest::prelude::*;
-
-    fn camera() -> Camera {
-        Camera {
-            width_px: 3072,
-            height_px: 2048,
-            pixel_pitch_mm: 0.009,
-            interior: InteriorOrientation {
-                principal_distance: 20.0,
-                principal_point: [0.1, -0.05],
-                radial: [1.5e-4, -4e-7, 2e-10],
-                tangential: [1e-5, -2e-5],
-                affinity: [1e-4, -5e-5],
-            },
-        }
-    }
 
     proptest! {
         #[test]
         fn a_ray_goes_through_the_point_that_is_imaged_there(x in -600.0..600.0, y in -400.0..400.0, z in -1500.0..-800.0) {
             let point = Vector3::new(x, y, z);
-            let ray = camera().ray(&camera().project(&point).unwrap());
+            let ray = wide_angle_camera().ray(&wide_angle_camera().project(&point).unwrap());
             prop_assert!((ray.normalize() - point.normalize()).norm() < 1e-12);
         }
 
         #[test]
         fn jacobians_agree_with_differences(x in -600.0..600.0, y in -400.0..400.0, z in -1500.0..-800.0) {
             let point = Vector3::new(x, y, z);
-            let projection = camera().project_with_jacobians(&point).unwrap();
+            let projection = wide_angle_camera().project_with_jacobians(&point).unwrap();
             let h = 1e-3;
             for axis in 0..3 {
                 let mut step = Vector3::zeros();
                 step[axis] = h;
-                let difference = (camera().project(&(point + step)).unwrap() - camera().project(&(point - step)).unwrap()) / (2.0 * h);
+                let difference = (wide_angle_camera().project(&(point + step)).unwrap() - wide_angle_camera().project(&(point - step)).unwrap()) / (2.0 * h);
                 prop_assert!((difference - projection.by_point.column(axis)).norm() < 1e-6);
             }
             for parameter in 0..10 {
@@ -164,8 +150,8 @@ mod tests {
                 let moved = |sign: f64| {
                     let mut step = SVector::<f64, 10>::zeros();
                     step[parameter] = sign * h;
-                    let interior = InteriorOrientation::from_vector(&(camera().interior.to_vector() + step));
-                    Camera { interior, ..camera() }.project(&point).unwrap()
+                    let interior = InteriorOrientation::from_vector(&(wide_angle_camera().interior.to_vector() + step));
+                    Camera { interior, ..wide_angle_camera() }.project(&point).unwrap()
                 };
                 let difference = (moved(1.0) - moved(-1.0)) / (2.0 * h);
                 let derivative = projection.by_interior.column(parameter);

@@ -1,8 +1,6 @@
 //! Intersection of rays: the point nearest to all of them, and the shortest segment between two.
 
-use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
-
-use super::Pose;
+use nalgebra::{Matrix3, Vector3};
 
 /// Rays that all lie within this angle of each other (radians) have no intersection that would be worth its name.
 const PARALLEL: f64 = 1e-7;
@@ -24,15 +22,6 @@ impl Ray {
             origin,
             direction: direction.normalize(),
         }
-    }
-
-    /// The ray of an ideal image point (mm) of a camera with principal distance `c` (mm).
-    #[must_use]
-    pub fn of_image_point(pose: &Pose, ideal: &Vector2<f64>, c: f64) -> Self {
-        Self::new(
-            pose.centre_in_world,
-            &pose.world_from_direction(&Vector3::new(ideal.x, ideal.y, -c)),
-        )
     }
 
     /// The perpendicular distance of a point from the ray's line, mm.
@@ -128,12 +117,6 @@ pub enum IntersectionError {
         /// Largest angle between two rays, radians.
         largest_angle: f64,
     },
-    /// The point is not in front of one of the cameras.
-    #[error("the point is not in front of camera {view}")]
-    Behind {
-        /// Index of the camera's ray.
-        view: usize,
-    },
 }
 
 /// The point with the least sum of squared angular misses of `rays` (perpendicular distance over range; the ranges are
@@ -199,136 +182,29 @@ fn largest_angle(rays: &[Ray]) -> f64 {
     largest
 }
 
-/// One image of a point to be intersected.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct View {
-    /// Exterior orientation.
-    pub pose: Pose,
-    /// Principal distance, mm.
-    pub principal_distance: f64,
-    /// Ideal image point, mm.
-    pub ideal: Vector2<f64>,
-    /// Standard error of an image coordinate, mm.
-    pub sigma: f64,
-}
-
-/// A point intersected in the images.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ImageIntersection {
-    /// The point, mm.
-    pub point: Vector3<f64>,
-    /// Covariance from the images' sigmas alone (orientations taken as true), mm^2.
-    pub covariance: Matrix3<f64>,
-    /// Residuals computed - measured in the images, mm.
-    pub residuals: Vec<Vector2<f64>>,
-    /// Standard error of unit weight.
-    pub sigma0: f64,
-    /// Largest angle between two rays' lines, radians.
-    pub largest_angle: f64,
-}
-
-/// The point with the least weighted sum of squared residuals in the images: [`intersect_rays`], then Gauss-Newton.
-///
-/// # Errors
-/// [`IntersectionError`], also when the point is not in front of every camera.
-pub fn intersect_views(views: &[View]) -> Result<ImageIntersection, IntersectionError> {
-    let rays: Vec<Ray> = views
-        .iter()
-        .map(|v| Ray::of_image_point(&v.pose, &v.ideal, v.principal_distance))
-        .collect();
-    let start = intersect_rays(&rays)?;
-    let parallel = IntersectionError::Parallel {
-        largest_angle: start.largest_angle,
-    };
-    let mut point = start.point;
-    let mut covariance = Matrix3::zeros();
-    for _ in 0..10 {
-        let mut normal = Matrix3::zeros();
-        let mut right = Vector3::zeros();
-        for (index, view) in views.iter().enumerate() {
-            let (residual, jacobian) =
-                image_residual(view, &point).ok_or(IntersectionError::Behind { view: index })?;
-            let weight = 1.0 / (view.sigma * view.sigma);
-            normal += weight * jacobian.transpose() * jacobian;
-            right -= weight * jacobian.transpose() * residual;
-        }
-        covariance = normal.try_inverse().ok_or(parallel)?;
-        let step = covariance * right;
-        point += step;
-        if step.norm() < 1e-11 * (1.0 + point.norm()) {
-            break;
-        }
-    }
-    let mut residuals = Vec::with_capacity(views.len());
-    let mut squares = 0.0;
-    for (index, view) in views.iter().enumerate() {
-        let (residual, _) =
-            image_residual(view, &point).ok_or(IntersectionError::Behind { view: index })?;
-        squares += residual.norm_squared() / (view.sigma * view.sigma);
-        residuals.push(residual);
-    }
-    Ok(ImageIntersection {
-        point,
-        covariance,
-        residuals,
-        sigma0: (squares / (2 * views.len() - 3) as f64).sqrt(),
-        largest_angle: start.largest_angle,
-    })
-}
-
-/// Residual computed - measured (mm) and its derivative by the point; `None` behind the camera.
-fn image_residual(view: &View, point: &Vector3<f64>) -> Option<(Vector2<f64>, Matrix2x3<f64>)> {
-    let k = view.pose.camera_from_point(point);
-    if !(k.z < 0.0) {
-        return None;
-    }
-    let scale = -view.principal_distance / k.z;
-    let by_point = Matrix2x3::new(
-        scale,
-        0.0,
-        -scale * k.x / k.z,
-        0.0,
-        scale,
-        -scale * k.y / k.z,
-    );
-    Some((
-        Vector2::new(k.x, k.y) * scale - view.ideal,
-        by_point * view.pose.camera_from_world.matrix(),
-    ))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn views(point: &Vector3<f64>, errors: &[[f64; 2]]) -> Vec<View> {
-        let stations = [
+    /// Rays from three stations towards a point.
+    fn rays(point: &Vector3<f64>) -> [Ray; 3] {
+        [
             [0.0, -300.0, 900.0],
             [500.0, 0.0, 800.0],
             [-400.0, 200.0, 1000.0],
-        ];
-        let mut views = Vec::new();
-        for (station, error) in stations.iter().zip(errors) {
-            let centre = Vector3::from(*station);
-            let pose = Pose::looking_at(centre, Vector3::zeros(), Vector3::y(), 0.3);
-            let k = pose.camera_from_point(point);
-            let ideal = Vector2::new(k.x, k.y) * (-20.0 / k.z) + Vector2::from(*error);
-            views.push(View {
-                pose,
-                principal_distance: 20.0,
-                ideal,
-                sigma: 1e-3,
-            });
-        }
-        views
+        ]
+        .map(|station| {
+            let station = Vector3::from(station);
+            Ray::new(station, &(point - station))
+        })
     }
 
     proptest! {
         #[test]
         fn exact_rays_meet_in_their_point(x in -200.0..200.0, y in -200.0..200.0, z in -200.0..200.0) {
             let point = Vector3::new(x, y, z);
-            let found = intersect_views(&views(&point, &[[0.0; 2]; 3])).unwrap();
+            let found = intersect_rays(&rays(&point)).unwrap();
             // Coordinates of 1 m carry 1e-13 mm; the geometry multiplies that by some 100.
             prop_assert!((found.point - point).norm() < 1e-9);
         }
@@ -345,28 +221,6 @@ mod tests {
             prop_assert!(across.dot(&first.direction).abs() < 1e-9 && across.dot(&second.direction).abs() < 1e-9);
             prop_assert!(first.distance(&segment.on_first) < 1e-9 && second.distance(&segment.on_second) < 1e-9);
         }
-    }
-
-    #[test]
-    fn the_covariance_is_that_of_many_trials() {
-        let point = Vector3::new(30.0, -20.0, 50.0);
-        let mut spread = Matrix3::zeros();
-        let mut predicted = Matrix3::zeros();
-        // Errors +-sigma in all 64 combinations have exactly the covariance sigma^2 I.
-        for bits in 0..64_u32 {
-            let error = |k: u32| if bits >> k & 1 == 0 { 1e-3 } else { -1e-3 };
-            let errors = [
-                [error(0), error(1)],
-                [error(2), error(3)],
-                [error(4), error(5)],
-            ];
-            let found = intersect_views(&views(&point, &errors)).unwrap();
-            let miss = found.point - point;
-            spread += miss * miss.transpose() / 64.0;
-            predicted = found.covariance;
-        }
-        // The second-order terms are 1e-3 / 20 of the first.
-        assert!((spread - predicted).norm() < 1e-3 * predicted.norm());
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Rotation, pose, similarity, plane, homography, intersection of rays: the plain mathematics of directions and places, in `f64`, without names or files.
+//! The plain mathematics of directions and places: rotation, pose, similarity, plane, homography, intersection of rays.
 //!
 //! Frames follow Kraus (2007): the world is right-handed; the camera frame has x right, y up, z backwards, so that the
 //! camera looks along -z. A rotation matrix `M` takes world directions to the camera frame, `X0` is the projection
@@ -19,8 +19,7 @@ mod similarity;
 
 pub use homography::{HomographyError, PlanePair, apply_homography, fit_homography};
 pub use intersection::{
-    ImageIntersection, Intersection, IntersectionError, Ray, ShortestSegment, View, intersect_rays,
-    intersect_views, shortest_segment,
+    Intersection, IntersectionError, Ray, ShortestSegment, intersect_rays, shortest_segment,
 };
 pub use plane::{Plane, PlaneError, PlaneFit, fit_plane};
 pub use pose::Pose;

@@ -47,16 +47,6 @@ impl Plane {
             from_centre.dot(&self.axes[1]),
         )
     }
-
-    /// The same plane seen from the other side.
-    #[must_use]
-    pub fn flipped(&self) -> Self {
-        Self {
-            centre: self.centre,
-            axes: [self.axes[0], -self.axes[1]],
-            normal: -self.normal,
-        }
-    }
 }
 
 /// A fitted plane.

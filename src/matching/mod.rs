@@ -4,7 +4,8 @@
 //! Hattori, Akimoto, Fraser and Imoto (2002), carried further where their threshold alone would decide wrongly:
 //!
 //! 1. **Pairs.** Only views that share codes are compared. The partners of a dot lie along its epipolar line, within the
-//!    object's depth and within a band: the threshold `Th = sqrt(2) max(sigma_S, 3 sigma_xy D / c)` of two rays, in pixels.
+//!    object's depth and within a band: the threshold `Th = sqrt(2) max(sigma_S, 3 sigma_xy D / c)` of two rays, in
+//!    pixels.
 //! 2. **Growing.** Each pair proposes a point; every other view is asked for a dot at its predicted place, the surest
 //!    views first, the point improving with each ray (sequential least squares), then a strict intersection with tests
 //!    of every ray and of the whole (chi-square), and of the ellipses: they must be images of one circle that faces the

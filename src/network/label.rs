@@ -101,6 +101,15 @@ impl PointId {
         }
     }
 
+    /// The code that this is a dot of.
+    #[must_use]
+    pub fn code(self) -> Option<(Family, u32)> {
+        match self {
+            PointId::Code { family, code, .. } => Some((family, code)),
+            PointId::Device(_) | PointId::Target(_) => None,
+        }
+    }
+
     /// The points of a code in the order of its reading.
     #[must_use]
     pub fn of_code(family: Family, code: u32) -> Vec<PointId> {

@@ -14,7 +14,6 @@
 //! - [`relative`]: relative orientation by five points (Nister, 2004) or a plane (Faugeras and Lustman, 1988; Ma et al.,
 //!   2004).
 //! - [`device`]: recognition of the reference cross among all dots of an image by its coordinates alone.
-//! - [`pair`]: how well two images are placed to begin a network.
 
 #![allow(
     clippy::neg_cmp_op_on_partial_ord,
@@ -27,7 +26,6 @@ mod device_search;
 pub mod dlt;
 mod five_point;
 pub mod p3p;
-pub mod pair;
 pub mod plane_pose;
 pub mod refine;
 pub mod relative;
@@ -41,7 +39,6 @@ pub use device::{
 };
 pub use dlt::{DltError, DltSettings, DltSolution, direct_linear_transformation};
 pub use p3p::three_point_poses;
-pub use pair::{PairQuality, covered_share, median_intersection_angle, pair_quality};
 pub use plane_pose::{NominalPose, PlanePoseError, plane_poses, poses_with_nominal_camera};
 pub use refine::{
     IdealPoint, Loss, PoseObservation, RefineError, RefineSettings, RefinedPose, refine_pose,

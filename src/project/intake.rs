@@ -351,6 +351,7 @@ fn examine(path: &Path, folder: &Path) -> Result<Candidate, IntakeError> {
     })
 }
 
+/// Size in bytes and SHA-256 (hexadecimal) of a file.
 fn hash(path: &Path) -> io::Result<(u64, String)> {
     let mut file = File::open(path)?;
     let mut hasher = Sha256::new();

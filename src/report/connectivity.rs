@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use crate::network::{CODES_TO_CONNECT, Connectivity, ImageConnectivity, ImageId, Network};
+use crate::network::{CODES_TO_CONNECT, Connectivity, ImageId, Network};
 
 /// The table for people: image, codes, images that share a code, images that share enough to connect, codes missing.
 #[must_use]
@@ -36,63 +36,6 @@ pub fn connectivity_table(network: &Network, connectivity: &Connectivity) -> Str
         );
     }
     text
-}
-
-/// What is missing, one sentence each; empty where all images are connected.
-#[must_use]
-pub fn connectivity_findings(network: &Network, connectivity: &Connectivity) -> Vec<String> {
-    let mut findings: Vec<String> = connectivity
-        .images
-        .iter()
-        .filter(|row| row.missing > 0)
-        .map(|row| missing_codes(network, connectivity, row))
-        .collect();
-    // An image that lacks codes is told above; here groups that lack a link between them.
-    let groups: Vec<&Vec<ImageId>> = connectivity
-        .blocks
-        .iter()
-        .filter(|block| block.len() > 1)
-        .collect();
-    if groups.len() > 1 {
-        let sizes: Vec<String> = groups.iter().map(|g| g.len().to_string()).collect();
-        findings.push(format!(
-            "the images fall into {} groups of {} images that share fewer than {CODES_TO_CONNECT} codes: an image that shows codes of both is missing",
-            groups.len(),
-            sizes.join(" and ")
-        ));
-    }
-    findings
-}
-
-fn missing_codes(
-    network: &Network,
-    connectivity: &Connectivity,
-    row: &ImageConnectivity,
-) -> String {
-    let elsewhere = row
-        .codes
-        .iter()
-        .filter(|code| {
-            connectivity
-                .images_of_code
-                .get(code)
-                .is_some_and(|i| i.len() > 1)
-        })
-        .count();
-    let count = match row.codes.len() {
-        1 => "1 code".to_owned(),
-        n => format!("{n} codes"),
-    };
-    let seen = match elsewhere {
-        n if n == row.codes.len() => String::new(),
-        0 => ", none of them in another image".to_owned(),
-        n => format!(", {n} of them in other images"),
-    };
-    format!(
-        "{}: {count}{seen}, needs {} more to connect",
-        path(network, row.image),
-        row.missing
-    )
 }
 
 fn path(network: &Network, image: ImageId) -> &str {
@@ -139,35 +82,15 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_is_said_in_words() {
+    fn the_table_counts_codes_and_links() {
         let network = network(&[&[1, 2, 3, 4], &[1, 2, 3], &[3, 4], &[4, 9], &[20]]);
-        let connectivity = Connectivity::of(&network);
-        assert_eq!(
-            connectivity_findings(&network, &connectivity),
-            [
-                "img_3.png: 2 codes, needs 1 more to connect",
-                "img_4.png: 2 codes, 1 of them in other images, needs 2 more to connect",
-                "img_5.png: 1 code, none of them in another image, needs 3 more to connect",
-            ]
-        );
-        let table = connectivity_table(&network, &connectivity);
-        assert_eq!(
-            table
-                .lines()
-                .nth(1)
-                .unwrap()
-                .split_whitespace()
-                .collect::<Vec<_>>(),
-            ["img_1.png", "4", "3", "1", "0"]
-        );
-        assert_eq!(table.lines().count(), 6);
-    }
-
-    #[test]
-    fn groups_without_a_link_are_told() {
-        let network = network(&[&[1, 2, 3], &[1, 2, 3], &[7, 8, 9], &[7, 8, 9]]);
-        let findings = connectivity_findings(&network, &Connectivity::of(&network));
-        assert_eq!(findings.len(), 1);
-        assert!(findings[0].starts_with("the images fall into 2 groups of 2 and 2 images"));
+        let table = connectivity_table(&network, &Connectivity::of(&network));
+        let rows: Vec<Vec<&str>> = table
+            .lines()
+            .map(|line| line.split_whitespace().collect())
+            .collect();
+        assert_eq!(rows.len(), 6);
+        assert_eq!(rows[1], ["img_1.png", "4", "3", "1", "0"]);
+        assert_eq!(rows[5], ["img_5.png", "1", "0", "0", "3"]);
     }
 }

@@ -1,8 +1,8 @@
 //! What leaves the program: tables, CSV, TOML, JSON.
 //!
-//! Everything is made from a [`crate::network::Network`] as a text or as a value to serialise, and only [`write_file`] touches the disk. Numbers
-//! name their unit in the header. No stale number passes for a fresh one: what is derived from an adjustment is refused
-//! where the adjustment is older than its inputs ([`NoFigures`]).
+//! Everything is made from a [`crate::network::Network`] as a text or as a value to serialise, and only [`write_file`]
+//! touches the disk. Numbers name their unit in the header. No stale number passes for a fresh one: what is derived
+//! from an adjustment is refused where the adjustment is older than its inputs ([`NoFigures`]).
 
 mod camera_file;
 mod codes;
@@ -23,7 +23,7 @@ pub use compare::{
     Agreement, CompareError, CompareSettings, Comparison, Counterpart, Difference, ReferencePoint,
     compare,
 };
-pub use connectivity::{connectivity_findings, connectivity_table};
+pub use connectivity::connectivity_table;
 pub use csv_text::csv_text;
 pub use detect::{DetectReport, detect_line};
 pub use export::{NoFigures, export_cameras, export_observations, export_points, export_stations};

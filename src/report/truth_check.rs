@@ -265,7 +265,7 @@ fn compare_coordinates(
     true_names: &BTreeMap<PointId, String>,
     true_points: &BTreeMap<String, [f64; 3]>,
 ) -> Result<(), FitError> {
-    let pairs: Vec<(PointId, (Vector3<f64>, Vector3<f64>))> = measured
+    let pairs: Vec<_> = measured
         .iter()
         .filter_map(|id| {
             let truth = Vector3::from(*true_points.get(&true_names[id])?);

@@ -3,24 +3,25 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::bundle::{Bundle, DatumPoints, restore_rejected};
+use super::bundle::{Bundle, DatumPoints, adjust_what_holds, restore_rejected};
 use super::code_shape::CodeShapes;
-use super::identify::set_code_aside;
-use super::lens::LensFreedom;
-use super::scale::{align_to_control, apply_scale, bars_in_reach};
+use super::lens::{IMAGES_FOR_ALL, LensFreedom, images_of_cameras};
+use super::scale::{align_to_control, apply_frame, bars_in_reach};
+use super::set_aside::{OF_OTHER_SHAPE, codes_set_aside, set_code_aside};
 use super::{Halt, StageError};
-use crate::adjustment::{
-    AdjustmentError, BundleSettings, RejectionSettings, RobustAdjustment, adjust_with_rejection,
-};
+use crate::adjustment::{AdjustmentError, BundleSettings};
 use crate::monitor::Monitor;
 use crate::network::{About, Finding, FindingKind, ImageId, Network, PointId, Stage, Standing};
 use crate::targets::Family;
 
-/// Fewest images on which a lens is calibrated; fewer cannot tell its parameters from their orientations.
-const IMAGES_TO_CALIBRATE: usize = 6;
-
 /// Share of a code's dots that must be rejected for its reading to be set aside.
 const SHARE_TO_SET_ASIDE: f64 = 0.5;
+
+/// Share of an image's dots above which their rejection speaks against the image.
+const SHARE_TO_DOUBT_IMAGE: f64 = 0.5;
+
+/// What the operator reads where self-calibration was not possible.
+const LOOSE_LENS: &str = "the images cannot tell all lens parameters: those they leave loose are held near nominal values";
 
 /// Whether this adjustment has not been made on the present inputs.
 pub(super) fn is_outdated(network: &Network, stage: Stage) -> bool {
@@ -33,69 +34,50 @@ pub(super) fn is_outdated(network: &Network, stage: Stage) -> bool {
 
 /// The adjustment of a stage.
 pub(super) fn run(network: &mut Network, stage: Stage, monitor: &Monitor) -> Result<(), Halt> {
-    set_contradicted_codes_aside(network, stage);
+    set_contradicted_codes_aside(network);
     adjust(network, stage, monitor)
 }
 
 /// Adjusts all labelled dots, rejects gross errors, and records the result as that of `stage`.
 pub(super) fn adjust(network: &mut Network, stage: Stage, monitor: &Monitor) -> Result<(), Halt> {
     restore_rejected(network);
-    apply_scale(network);
-    if stage == Stage::Adjust {
-        align_to_control(network);
-    }
+    apply_frame(network);
     let datum = match stage {
         Stage::AdjustCodes => DatumPoints::Codes,
         Stage::Adjust => DatumPoints::Targets,
         _ => DatumPoints::All,
     };
-    let images = network.oriented_images().count();
-    let held = LensFreedom::Provisional { images };
-    let freedom = if images >= IMAGES_TO_CALIBRATE {
-        LensFreedom::Free
-    } else {
-        held
-    };
-    let mut bundle = Bundle::assemble(network, freedom, datum);
-    let robust = match solve(&bundle, network, monitor) {
-        Err(AdjustmentError::RankDefect { .. }) if freedom == LensFreedom::Free => {
-            bundle = Bundle::assemble(network, held, datum);
+    let calibrated = |network: &Network| Bundle::assemble(network, LensFreedom::Free, datum);
+    let held = |network: &Network| Bundle::assemble(network, LensFreedom::Provisional, datum);
+    let any_calibrated = images_of_cameras(network)
+        .values()
+        .any(|images| *images >= IMAGES_FOR_ALL);
+    let loose_lens =
+        |finding: &Finding| (finding.stage, finding.kind) == (stage, FindingKind::Camera);
+    Arc::make_mut(&mut network.findings).retain(|finding| !loose_lens(finding));
+    let settings = BundleSettings::default();
+    let (bundle, robust) = match adjust_what_holds(network, calibrated, settings, monitor) {
+        Err(AdjustmentError::RankDefect { .. } | AdjustmentError::NotConverged(_))
+            if any_calibrated =>
+        {
             network.note(Finding {
                 stage,
                 kind: FindingKind::Camera,
                 about: About::Project,
-                text: "the images cannot tell all lens parameters: those they leave loose are held near nominal values"
-                    .into(),
+                text: LOOSE_LENS.into(),
             });
-            solve(&bundle, network, monitor)
+            adjust_what_holds(network, held, settings, monitor)
         }
         other => other,
     }
     .map_err(halt)?;
     bundle.write_back(network, &robust.adjustment);
     bundle.mark_rejected(network, &robust.adjustment);
-    if stage == Stage::Adjust {
+    if !bundle.stands_on_control() {
         align_to_control(network);
     }
     network.adjustment = Some(Arc::new(bundle.result(network, stage, &robust.adjustment)));
     Ok(())
-}
-
-fn solve(
-    bundle: &Bundle,
-    network: &Network,
-    monitor: &Monitor,
-) -> Result<RobustAdjustment, AdjustmentError> {
-    let settings = RejectionSettings {
-        critical: network.settings.critical_w,
-        ..RejectionSettings::default()
-    };
-    adjust_with_rejection(
-        &bundle.problem,
-        BundleSettings::default(),
-        &settings,
-        monitor,
-    )
 }
 
 pub(super) fn halt(error: AdjustmentError) -> Halt {
@@ -108,33 +90,23 @@ pub(super) fn halt(error: AdjustmentError) -> Halt {
 }
 
 /// Codes whose coordinates contradict the shape of a code are clusters of plain targets read as codes.
-fn set_contradicted_codes_aside(network: &mut Network, stage: Stage) {
-    let contradicted = CodeShapes::of(network).contradicted(network);
+fn set_contradicted_codes_aside(network: &mut Network) {
     let ids: Vec<ImageId> = network.images.keys().copied().collect();
-    for code in contradicted {
+    for code in CodeShapes::of(network).contradicted(network) {
+        let of_code = |point: PointId| point.code() == Some((Family::Dot420, code));
         for id in &ids {
-            let shows = network.images[id]
-                .labels
-                .values()
-                .any(|l| matches!(l.point, PointId::Code { family: Family::Dot420, code: c, .. } if c == code));
-            if shows {
-                let reason = "its dots do not have the shape of the code in space";
-                set_code_aside(network.image_mut(*id), Family::Dot420, code, reason);
+            let labels = &network.images[id].labels;
+            if labels.values().any(|label| of_code(label.point)) {
+                let image = network.image_mut(*id);
+                set_code_aside(image, Family::Dot420, code, OF_OTHER_SHAPE);
             }
         }
-        Arc::make_mut(&mut network.points)
-            .retain(|id, _| !matches!(id, PointId::Code { family: Family::Dot420, code: c, .. } if *c == code));
-        network.note(Finding {
-            stage,
-            kind: FindingKind::DoubtfulCode,
-            about: About::Project,
-            text: format!("C{code}: its dots do not have the shape of the code in space; set aside in all images"),
-        });
+        Arc::make_mut(&mut network.points).retain(|point, _| !of_code(*point));
     }
 }
 
 /// Code readings of one image most of whose dots the adjustment rejected, with the largest |w|.
-pub(super) fn misfitting_codes(network: &Network) -> Vec<(ImageId, Family, u32, f64)> {
+fn misfitting_codes(network: &Network) -> Vec<(ImageId, Family, u32, f64)> {
     let Some(adjustment) = &network.adjustment else {
         return Vec::new();
     };
@@ -204,6 +176,47 @@ pub(super) fn findings(network: &Network, stage: Stage) -> Vec<Finding> {
                 network.images[&id].file.path,
                 family.code_label(code)
             ),
+        });
+    }
+    findings.extend(codes_set_aside(network, stage, OF_OTHER_SHAPE));
+    findings.extend(doubtful_images(network, stage));
+    findings
+}
+
+/// Images that this stage set aside, and those of which it rejected most dots.
+fn doubtful_images(network: &Network, stage: Stage) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    let told = |id: ImageId| {
+        network.findings.iter().any(|finding| {
+            finding.stage == Stage::Connect
+                && finding.kind == FindingKind::UnconnectedImage
+                && finding.about == About::Image(id)
+        })
+    };
+    let mut tallies: BTreeMap<ImageId, (usize, usize)> = BTreeMap::new();
+    for row in network.adjustment.iter().flat_map(|a| &a.observations) {
+        let (rejected, all) = tallies.entry(row.image).or_default();
+        *rejected += usize::from(row.standing == Standing::Rejected);
+        *all += 1;
+    }
+    for (id, image) in network.used_images() {
+        let (rejected, all) = tallies.get(&id).copied().unwrap_or_default();
+        let (kind, text) = match (&image.station, &image.attempt) {
+            (None, Some(attempt)) if !told(id) => (
+                FindingKind::UnconnectedImage,
+                format!("set aside: {}", attempt.reason),
+            ),
+            (Some(_), _) if rejected as f64 > SHARE_TO_DOUBT_IMAGE * all as f64 => (
+                FindingKind::RejectedObservation,
+                format!("{rejected} of its {all} dots are rejected: its orientation is doubtful"),
+            ),
+            _ => continue,
+        };
+        findings.push(Finding {
+            stage,
+            kind,
+            about: About::Image(id),
+            text: format!("{}: {text}", image.file.path),
         });
     }
     findings

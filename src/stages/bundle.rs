@@ -3,15 +3,18 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use super::lens::{LensFreedom, parameter_states};
+use super::lens::{LensFreedom, images_of_cameras, parameter_states};
 use super::scale::{bars_in_reach, scale_source};
 use crate::adjustment::{
-    Adjustment, BundleProblem, CameraBlock, CoordinatePrior, Datum, DistanceObservation,
-    ImageObservation, ObservationStatus, PointBlock, StationBlock,
+    Adjustment, AdjustmentError, BundleProblem, BundleSettings, CameraBlock, CoordinatePrior,
+    Datum, DistanceObservation, ImageObservation, ObservationStatus, PointBlock, RejectionSettings,
+    RobustAdjustment, StationBlock, adjust_with_rejection,
 };
+use crate::monitor::Monitor;
 use crate::network::{
-    AdjustedObservation, AdjustmentResult, BarResult, BarRole, CameraId, CameraResult, ControlRole,
-    ImageId, Network, Point, PointId, PointKind, ScaleSource, Source, Stage, Standing, Station,
+    AdjustedObservation, AdjustmentResult, Attempt, BarResult, BarRole, CameraId, CameraResult,
+    ControlRole, ImageEntry, ImageId, Network, Point, PointId, PointKind, ScaleSource, Source,
+    Stage, Standing, Station,
 };
 use crate::targets::DotIndex;
 
@@ -65,12 +68,8 @@ impl Bundle {
             .enumerate()
             .map(|(index, id)| (*id, index))
             .collect();
-        let cameras: Vec<CameraId> = network
-            .oriented_images()
-            .map(|(_, image, _)| image.camera)
-            .collect::<BTreeSet<_>>()
-            .into_iter()
-            .collect();
+        let images_of_camera = images_of_cameras(network);
+        let cameras: Vec<CameraId> = images_of_camera.keys().copied().collect();
         let camera_index = |id: CameraId| cameras.iter().position(|c| *c == id).unwrap_or_default();
 
         let mut images = Vec::new();
@@ -137,7 +136,7 @@ impl Bundle {
                     let entry = &network.cameras[id];
                     CameraBlock {
                         camera: entry.camera.clone(),
-                        parameters: parameter_states(entry, freedom),
+                        parameters: parameter_states(entry, freedom, images_of_camera[id]),
                     }
                 })
                 .collect(),
@@ -162,6 +161,11 @@ impl Bundle {
     /// Whether an adjustment has anything to do.
     pub(super) fn is_empty(&self) -> bool {
         self.problem.observations.is_empty()
+    }
+
+    /// Whether known coordinates fix the frame, so that nothing may move the result.
+    pub(super) fn stands_on_control(&self) -> bool {
+        self.problem.datum == Datum::Control
     }
 
     /// Puts estimates and precision into the network.
@@ -276,9 +280,59 @@ impl Bundle {
     }
 }
 
+/// Adjusts with rejection. An image whose orientation its remaining points no longer determine is set aside, and the
+/// rest is adjusted; fewer than two images are an error.
+///
+/// # Errors
+/// As [`adjust_with_rejection`].
+pub(super) fn adjust_what_holds(
+    network: &mut Network,
+    assemble: impl Fn(&Network) -> Bundle,
+    settings: BundleSettings,
+    monitor: &Monitor,
+) -> Result<(Bundle, RobustAdjustment), AdjustmentError> {
+    let rejection = RejectionSettings {
+        critical: network.settings.critical_w,
+        ..RejectionSettings::default()
+    };
+    loop {
+        let bundle = assemble(network);
+        match adjust_with_rejection(&bundle.problem, settings, &rejection, monitor) {
+            Err(AdjustmentError::StationUnderdetermined { station, found })
+                if bundle.images.len() > 2 =>
+            {
+                set_image_aside(network, bundle.images[station], found);
+            }
+            Ok(robust) => return Ok((bundle, robust)),
+            Err(error) => return Err(error),
+        }
+    }
+}
+
+/// Takes an image's orientation away; it waits until more points are known.
+fn set_image_aside(network: &mut Network, id: ImageId, found: usize) {
+    let attempt = Attempt {
+        basis: network.inputs,
+        known_points: known_points(network, &network.images[&id]),
+        reason: format!("only {found} of its points hold its orientation, 3 are needed"),
+    };
+    let image = network.image_mut(id);
+    image.station = None;
+    image.attempt = Some(attempt);
+    Arc::make_mut(&mut network.connection_order).retain(|other| *other != id);
+}
+
+/// How many used dots of an image have a point with coordinates.
+pub(super) fn known_points(network: &Network, image: &ImageEntry) -> usize {
+    image
+        .used_labels()
+        .filter(|(_, label)| network.points.contains_key(&label.point))
+        .count()
+}
+
 /// Takes back what earlier adjustments rejected, so that the next one decides anew; the operator's decisions stay.
 pub(super) fn restore_rejected(network: &mut Network) {
-    let ids: Vec<ImageId> = network.oriented_images().map(|(id, ..)| id).collect();
+    let ids: Vec<ImageId> = network.used_images().map(|(id, _)| id).collect();
     for id in ids {
         let touched = network.images[&id]
             .labels

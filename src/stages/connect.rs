@@ -1,17 +1,18 @@
 //! Connecting images one by one: resection, intersection of new points, bundle update.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use super::bundle::{Bundle, DatumPoints, restore_rejected};
-use super::identify::set_code_aside;
+use super::bundle::{Bundle, DatumPoints, adjust_what_holds, known_points, restore_rejected};
 use super::lens::LensFreedom;
-use super::resection::{KnownRay, intersect_new_points, known_rays, resect};
-use super::scale::apply_scale;
+use super::resection::{KnownRay, intersect_new_points, known_rays, misfits, resect};
+use super::scale::apply_frame;
+use super::set_aside::{OFF_ITS_PLACE, codes_set_aside, set_code_aside};
 use super::{Halt, adjust};
-use crate::adjustment::{BundleSettings, RejectionSettings, adjust_with_rejection};
+use crate::adjustment::BundleSettings;
 use crate::monitor::Monitor;
 use crate::network::{
-    About, Attempt, Finding, FindingKind, ImageEntry, ImageId, Network, PointId, Stage, Station,
+    About, Attempt, Code, Finding, FindingKind, ImageId, Network, PointId, Stage, Station,
 };
 
 /// Fewest known points that orient an image: three give up to four poses, the fourth decides.
@@ -37,19 +38,13 @@ pub(super) fn next(network: &Network) -> Option<ImageId> {
         .map(|(_, id, _)| id)
 }
 
-fn known_points(network: &Network, image: &ImageEntry) -> usize {
-    image
-        .used_labels()
-        .filter(|(_, label)| network.points.contains_key(&label.point))
-        .count()
-}
-
 /// Connects one image, or records why it cannot be connected now.
 pub(super) fn run(network: &mut Network, id: ImageId, monitor: &Monitor) -> Result<(), Halt> {
     let task = monitor.task(format!("connecting {}", network.images[&id].file.path), 3);
     task.step()?;
     let rays = known_rays(network, id);
-    match resect(network, id, &rays) {
+    let before = network.clone();
+    let open = match resect(network, id, &rays) {
         Err(reason) => {
             let attempt = Attempt {
                 basis: network.inputs,
@@ -60,7 +55,7 @@ pub(super) fn run(network: &mut Network, id: ImageId, monitor: &Monitor) -> Resu
             return Ok(());
         }
         Ok(resection) => {
-            set_misfits_aside(network, id, &rays, &resection.misfits);
+            let open = settle_misfits(network, id, &rays, &resection.misfits);
             let image = network.image_mut(id);
             image.station = Some(Station {
                 pose: resection.pose,
@@ -68,83 +63,112 @@ pub(super) fn run(network: &mut Network, id: ImageId, monitor: &Monitor) -> Resu
             });
             image.attempt = None;
             Arc::make_mut(&mut network.connection_order).push(id);
+            open
         }
-    }
+    };
     task.step()?;
     intersect_new_points(network);
+    settle_minority(network, &open);
     task.step()?;
-    update(network, monitor)?;
-    Ok(())
+    match update(network, monitor) {
+        // The others were adjusted without it before: it is this image that they cannot be adjusted with.
+        Err(Halt::Failed(error)) => {
+            *network = before;
+            network.image_mut(id).attempt = Some(Attempt {
+                basis: network.inputs,
+                known_points: rays.len(),
+                reason: error.to_string(),
+            });
+            Ok(())
+        }
+        other => other,
+    }
 }
 
 /// A bundle update of all that is connected: the lens held near its nominal values, gross errors left out for this time.
-/// Returns the rms residual, px.
-pub(super) fn update(network: &mut Network, monitor: &Monitor) -> Result<f64, Halt> {
+pub(super) fn update(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> {
     restore_rejected(network);
-    let images = network.oriented_images().count();
-    let bundle = Bundle::assemble(
-        network,
-        LensFreedom::Provisional { images },
-        DatumPoints::All,
-    );
-    if bundle.is_empty() {
-        return Ok(0.0);
+    apply_frame(network);
+    let held =
+        |network: &Network| Bundle::assemble(network, LensFreedom::Provisional, DatumPoints::All);
+    if held(network).is_empty() {
+        return Ok(());
     }
-    let settings = RejectionSettings {
-        critical: network.settings.critical_w,
-        ..RejectionSettings::default()
-    };
-    let bundle_settings = BundleSettings {
+    let settings = BundleSettings {
         convergence: UPDATE_CONVERGENCE,
         ..BundleSettings::default()
     };
-    let robust = adjust_with_rejection(&bundle.problem, bundle_settings, &settings, monitor)
-        .map_err(adjust::halt)?;
+    let (bundle, robust) =
+        adjust_what_holds(network, held, settings, monitor).map_err(adjust::halt)?;
     bundle.write_back(network, &robust.adjustment);
-    apply_scale(network);
-    Ok(robust.adjustment.rms_px)
+    if !bundle.stands_on_control() {
+        apply_frame(network);
+    }
+    Ok(())
 }
 
-/// Codes whose dots miss the resection by far are wrong readings here: their names are taken away.
-fn set_misfits_aside(network: &mut Network, id: ImageId, rays: &[KnownRay], misfits: &[usize]) {
-    let codes: std::collections::BTreeSet<_> = misfits
-        .iter()
-        .filter_map(|&index| match rays[index].point {
-            PointId::Code { family, code, .. } => Some((family, code)),
-            PointId::Device(_) | PointId::Target(_) => None,
-        })
-        .collect();
-    for (family, code) in codes {
-        let of_code = |ray: &KnownRay| matches!(ray.point, PointId::Code { family: f, code: c, .. } if (f, c) == (family, code));
-        let all = rays.iter().filter(|ray| of_code(ray)).count();
-        let missed = misfits
+/// Codes most of whose dots miss the resection by far. Where three or more images agree on the code, its reading is
+/// wrong here and its names are taken away. Where only two do, either may be wrong: the code loses its coordinates and
+/// is returned, to be intersected anew with this image as judge.
+fn settle_misfits(
+    network: &mut Network,
+    id: ImageId,
+    rays: &[KnownRay],
+    misfits: &[usize],
+) -> Vec<Code> {
+    let mut open = Vec::new();
+    for code in mostly_missing(rays, misfits) {
+        let (family, number) = code;
+        let agreeing = PointId::of_code(family, number)
             .iter()
-            .filter(|&&index| of_code(&rays[index]))
-            .count();
-        if 2 * missed > all {
-            let path = network.images[&id].file.path.clone();
-            let label = family.code_label(code);
-            set_code_aside(
-                network.image_mut(id),
-                family,
-                code,
-                "it does not lie where the other codes put it",
-            );
-            network.note(Finding {
-                stage: Stage::Connect,
-                kind: FindingKind::DoubtfulCode,
-                about: About::Image(id),
-                text: format!(
-                    "{path}: {label} does not lie where the other codes put it; set aside"
-                ),
-            });
+            .filter_map(|point| Some(network.points.get(point)?.rays))
+            .max();
+        if agreeing.is_some_and(|rays| rays <= 2) {
+            Arc::make_mut(&mut network.points).retain(|point, _| point.code() != Some(code));
+            open.push(code);
+        } else {
+            set_code_aside(network.image_mut(id), family, number, OFF_ITS_PLACE);
+        }
+    }
+    open
+}
+
+/// Takes the names of these codes away in the images that the new intersections contradict.
+fn settle_minority(network: &mut Network, open: &[Code]) {
+    if open.is_empty() {
+        return;
+    }
+    let ids: Vec<ImageId> = network.oriented_images().map(|(id, ..)| id).collect();
+    for id in ids {
+        let rays = known_rays(network, id);
+        let misfits = misfits(network, id, &rays);
+        for code in mostly_missing(&rays, &misfits) {
+            if open.contains(&code) {
+                set_code_aside(network.image_mut(id), code.0, code.1, OFF_ITS_PLACE);
+            }
         }
     }
 }
 
-/// The images that could not be connected, each with its reason.
+/// Codes more than half of whose dots are among the misfits.
+fn mostly_missing(rays: &[KnownRay], misfits: &[usize]) -> Vec<Code> {
+    let missed: BTreeSet<Code> = misfits
+        .iter()
+        .filter_map(|&index| rays[index].point.code())
+        .collect();
+    missed
+        .into_iter()
+        .filter(|code| {
+            let of_code = |index: &usize| rays[*index].point.code() == Some(*code);
+            let all = (0..rays.len()).filter(of_code).count();
+            2 * misfits.iter().filter(|index| of_code(index)).count() > all
+        })
+        .collect()
+}
+
+/// The images that could not be connected and the readings set aside, each with its reason.
 pub(super) fn findings(network: &Network) -> Vec<Finding> {
-    network
+    let unconnected = network
         .used_images()
         .filter(|(_, image)| image.station.is_none() && image.unreadable.is_none())
         .map(|(id, image)| {
@@ -161,6 +185,8 @@ pub(super) fn findings(network: &Network) -> Vec<Finding> {
                 about: About::Image(id),
                 text: format!("{}: not connected: {reason}", image.file.path),
             }
-        })
+        });
+    unconnected
+        .chain(codes_set_aside(network, Stage::Connect, OFF_ITS_PLACE))
         .collect()
 }

@@ -1,6 +1,6 @@
 //! Detection: targets and codes of every image, a batch of images a step.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use rayon::prelude::*;
@@ -8,10 +8,12 @@ use rayon::prelude::*;
 use super::{Advance, Halt, Pictures, Step};
 use crate::monitor::Monitor;
 use crate::network::{
-    About, Connectivity, Finding, FindingKind, ImageEntry, ImageId, Label, MeasurementSettings,
-    Network, PointId, Source, Stage,
+    About, CODES_TO_CONNECT, Connectivity, Finding, FindingKind, ImageConnectivity, ImageEntry,
+    ImageId, Label, MeasurementSettings, Network, PointId, Source, Stage,
 };
-use crate::targets::{DetectSettings, Detections, Dot420Settings, DotIndex, Family, detect};
+use crate::targets::{
+    CodeReading, DetectSettings, Detections, Dot420Settings, DotIndex, Family, detect,
+};
 
 /// The images of the next step: the first ones without detections, a batch of them.
 pub(super) fn next(network: &Network) -> Option<Step> {
@@ -77,12 +79,16 @@ fn detect_settings(settings: &MeasurementSettings) -> DetectSettings {
     }
 }
 
+/// Why a reading names no dots: two targets of one number, or a wrong reading beside the right one.
+const READ_TWICE: &str = "its number is read twice in this picture";
+
 /// Puts detections into an image and names the dots of its codes.
 ///
-/// Where two readings claim one dot or one number, the one with the smaller misfit gets the labels.
-fn adopt(image: &mut ImageEntry, detections: Detections) {
+/// Where two readings claim one dot, the one with the smaller misfit gets the labels. Where two claim one number, none
+/// does: either may be wrong, and dots of a code that other images tell are named by identification.
+pub(super) fn adopt(image: &mut ImageEntry, detections: Detections) {
     let mut labels: BTreeMap<DotIndex, Label> = BTreeMap::new();
-    let mut named: BTreeSet<PointId> = BTreeSet::new();
+    let mut set_aside = BTreeMap::new();
     let mut order: Vec<usize> = (0..detections.codes.len()).collect();
     order.sort_by(|&a, &b| {
         let [a, b] = [a, b].map(|place| &detections.codes[place]);
@@ -94,9 +100,16 @@ fn adopt(image: &mut ImageEntry, detections: Detections) {
     for place in order {
         let reading = &detections.codes[place];
         let points = PointId::of_code(reading.family, reading.id);
-        let free = reading.dots.iter().all(|dot| !labels.contains_key(dot))
-            && points.iter().all(|point| !named.contains(point));
-        if !free {
+        let number = |r: &CodeReading| (r.family, r.id);
+        let readings = detections
+            .codes
+            .iter()
+            .filter(|other| number(other) == number(reading));
+        if readings.count() > 1 {
+            set_aside.insert(place, READ_TWICE.to_owned());
+            continue;
+        }
+        if reading.dots.iter().any(|dot| labels.contains_key(dot)) {
             continue;
         }
         for (&dot, &point) in reading.dots.iter().zip(&points) {
@@ -108,9 +121,9 @@ fn adopt(image: &mut ImageEntry, detections: Detections) {
                     rejected: None,
                 },
             );
-            named.insert(point);
         }
     }
+    image.set_aside = Arc::new(set_aside);
     image.labels = Arc::new(labels);
     image.detections = Some(Arc::new(detections));
 }
@@ -141,17 +154,104 @@ pub(super) fn findings(network: &Network) -> Vec<Finding> {
             }
         }
     }
-    for image in Connectivity::of(network).images {
-        let entry = &network.images[&image.image];
-        if image.missing > 0 && entry.detections.is_some() {
-            let text = format!(
-                "{}: {} codes, {} more that other images show are needed to connect it by codes",
-                entry.file.path,
-                image.codes.len(),
-                image.missing
-            );
-            note(FindingKind::Connectivity, image.image, text);
+    let connectivity = Connectivity::of(network);
+    for row in connectivity.images.iter().filter(|row| row.missing > 0) {
+        if network.images[&row.image].detections.is_some() {
+            let text = missing_codes(network, &connectivity, row);
+            note(FindingKind::Connectivity, row.image, text);
         }
     }
+    findings.extend(separate_groups(&connectivity));
     findings
+}
+
+fn missing_codes(
+    network: &Network,
+    connectivity: &Connectivity,
+    row: &ImageConnectivity,
+) -> String {
+    let elsewhere = row
+        .codes
+        .iter()
+        .filter(|code| connectivity.images_of_code[code].len() > 1)
+        .count();
+    let count = match row.codes.len() {
+        1 => "1 code".to_owned(),
+        n => format!("{n} codes"),
+    };
+    let seen = match elsewhere {
+        n if n == row.codes.len() => String::new(),
+        0 => ", none of them in another image".to_owned(),
+        n => format!(", {n} of them in other images"),
+    };
+    format!(
+        "{}: {count}{seen}, needs {} more to connect",
+        network.images[&row.image].file.path, row.missing
+    )
+}
+
+/// Groups of images without a link between them; an image that lacks codes itself is told of apart.
+fn separate_groups(connectivity: &Connectivity) -> Option<Finding> {
+    let sizes: Vec<String> = connectivity
+        .blocks
+        .iter()
+        .filter(|block| block.len() > 1)
+        .map(|block| block.len().to_string())
+        .collect();
+    (sizes.len() > 1).then(|| Finding {
+        stage: Stage::Detect,
+        kind: FindingKind::Connectivity,
+        about: About::Project,
+        text: format!(
+            "the images fall into {} groups of {} images that share fewer than {CODES_TO_CONNECT} codes: an image that shows codes of both is missing",
+            sizes.len(),
+            sizes.join(" and ")
+        ),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::trial::{images_that_show, reading, texts};
+    use super::*;
+
+    #[test]
+    fn what_is_missing_is_said_in_words() {
+        let network = images_that_show(&[&[1, 2, 3, 4], &[1, 2, 3], &[3, 4], &[4, 9], &[20]]);
+        assert_eq!(
+            texts(&findings(&network)),
+            [
+                "image3.png: 2 codes, needs 1 more to connect",
+                "image4.png: 2 codes, 1 of them in other images, needs 2 more to connect",
+                "image5.png: 1 code, none of them in another image, needs 3 more to connect",
+            ]
+        );
+    }
+
+    #[test]
+    fn groups_without_a_link_are_told() {
+        let network = images_that_show(&[&[1, 2, 3], &[1, 2, 3], &[7, 8, 9], &[7, 8, 9]]);
+        let found = findings(&network);
+        assert_eq!(found.len(), 1);
+        assert!(
+            found[0]
+                .text
+                .starts_with("the images fall into 2 groups of 2 and 2 images")
+        );
+    }
+
+    #[test]
+    fn a_number_read_twice_names_no_dot_of_that_picture() {
+        let mut image = images_that_show(&[&[]]).images[&ImageId(1)]
+            .as_ref()
+            .clone();
+        let detections = Detections {
+            codes: vec![reading(5, 0), reading(5, 6), reading(8, 12)],
+            ..Detections::default()
+        };
+        adopt(&mut image, detections);
+        let named: Vec<PointId> = image.labels.values().map(|label| label.point).collect();
+        assert_eq!(named, PointId::of_code(Family::Dot420, 8));
+        assert_eq!(image.set_aside.keys().collect::<Vec<_>>(), [&0, &1]);
+    }
 }

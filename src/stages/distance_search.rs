@@ -1,110 +1,107 @@
-//! The principal distance of a camera of which neither a file nor EXIF says anything.
-//!
-//! Two images that look at the same place cannot tell it (Hartley and Zisserman, 2004, 19.9), a handful of convergent,
-//! rolled ones can: a small network is begun with each of several distances and adjusted with the distance let go; the
-//! one whose dots fit best wins, and its adjusted distance is the start of the measurement.
+//! The principal distance of a camera of which nobody stated it: several are tried on the first images, the one with
+//! which most of them fit together best is kept.
 
-use super::connect::{self, update};
-use super::{Halt, first_pair};
+use std::sync::Arc;
+
+use super::{Halt, adjust, connect, first_pair};
 use crate::monitor::Monitor;
-use crate::network::{About, CameraId, Finding, FindingKind, InteriorSource, Network, Stage};
+use crate::network::{InteriorSource, Network, Stage};
 
-/// Principal distances that are tried, as multiples of the image width: from a fisheye's neighbour to a telephoto lens.
-const DISTANCES_PER_WIDTH: [f64; 7] = [0.5, 0.68, 0.93, 1.27, 1.73, 2.36, 3.2];
+/// Principal distances that are tried, as shares of the guess: from short wide-angle to short telephoto lenses, so
+/// near to each other that an adjustment finds its way from one of them.
+const SHARES: [f64; 8] = [1.0, 0.71, 1.41, 0.84, 1.19, 0.5, 2.0, 2.8];
 
-/// Images of the trial networks: enough that the adjustment lets the distance go.
-const IMAGES_TO_TRY: usize = 7;
+/// Images that a trial connects to its first pair: with eight a lens is calibrated, with rays to spare.
+const IMAGES_TO_CONNECT: usize = 6;
 
-/// A network begun with one distance.
+/// Whether a camera in use has no stated principal distance.
+pub(super) fn is_needed(network: &Network) -> bool {
+    network
+        .used_images()
+        .any(|(_, image)| network.camera_of(image).source == InteriorSource::Unknown)
+}
+
+/// What came of one principal distance.
 struct Trial {
-    /// Adjusted principal distances of the unknown cameras, mm.
-    distances: Vec<(CameraId, f64)>,
+    network: Network,
     images: usize,
-    /// Rms residual, px.
     rms_px: f64,
 }
 
-/// Searches the principal distances of all cameras without one and puts them into the network as nominal values.
+/// Gives cameras without a stated principal distance the one that fits best; unchanged where none does.
+///
+/// Cost: as many first pairs and connections as there are shares.
 pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> {
-    let unknown: Vec<CameraId> = network
-        .cameras
-        .iter()
-        .filter(|(_, camera)| camera.source == InteriorSource::Unknown)
-        .map(|(id, _)| *id)
-        .collect();
-    if unknown.is_empty() {
-        return Ok(());
-    }
+    let task = monitor.task("searching the principal distance", SHARES.len() as u64);
     let mut best: Option<Trial> = None;
-    for ratio in DISTANCES_PER_WIDTH {
-        match begin(network, &unknown, ratio, monitor) {
-            Ok(trial) if best.as_ref().is_none_or(|best| trial.beats(best)) => best = Some(trial),
-            Err(Halt::Interrupted) => return Err(Halt::Interrupted),
-            // A wrong distance may well connect nothing.
-            Ok(_) | Err(Halt::Failed(_)) => {}
+    for share in SHARES {
+        task.step()?;
+        let Some(trial) = try_share(network, share, monitor)? else {
+            continue;
+        };
+        let is_better = |other: &Trial| {
+            let images = trial.images.cmp(&other.images);
+            images.then(other.rms_px.total_cmp(&trial.rms_px)).is_gt()
+        };
+        if best.as_ref().is_none_or(is_better) {
+            best = Some(trial);
         }
     }
-    let Some(best) = best else { return Ok(()) };
-    for (id, distance) in best.distances {
-        let camera = network.camera_mut(id);
-        camera.nominal.interior.principal_distance = distance;
-        camera.camera = camera.nominal.clone();
-        let width = camera.nominal.pixel_pitch_mm * f64::from(camera.nominal.width_px);
-        let name = camera.name.clone();
-        network.note(Finding {
-            stage: Stage::FirstPair,
-            kind: FindingKind::Camera,
-            about: About::Camera(name.clone()),
-            text: format!(
-                "camera '{name}': no principal distance in a camera file or EXIF; the search found {:.2} times the \
-                 image width ({} images, {:.2} px rms)",
-                distance / width,
-                best.images,
-                best.rms_px
-            ),
-        });
+    let Some(best) = best else {
+        return Ok(());
+    };
+    let cameras = Arc::make_mut(&mut network.cameras);
+    for (id, entry) in cameras.iter_mut() {
+        if entry.source == InteriorSource::Unknown {
+            let found = best.network.cameras[id].camera.interior.principal_distance;
+            let entry = Arc::make_mut(entry);
+            entry.nominal.interior.principal_distance = found;
+            entry.camera = entry.nominal.clone();
+        }
     }
     Ok(())
 }
 
-impl Trial {
-    /// More images, within one of each other the smaller residuals.
-    fn beats(&self, other: &Trial) -> bool {
-        if self.images.abs_diff(other.images) > 1 {
-            self.images > other.images
-        } else {
-            self.rms_px < other.rms_px
+/// The first images measured with this share of the guessed principal distances; `None` where they cannot be.
+fn try_share(network: &Network, share: f64, monitor: &Monitor) -> Result<Option<Trial>, Halt> {
+    let mut network = network.clone();
+    for entry in Arc::make_mut(&mut network.cameras).values_mut() {
+        if entry.source == InteriorSource::Unknown {
+            let entry = Arc::make_mut(entry);
+            entry.nominal.interior.principal_distance *= share;
+            entry.camera = entry.nominal.clone();
         }
     }
-}
-
-fn begin(
-    network: &Network,
-    unknown: &[CameraId],
-    ratio: f64,
-    monitor: &Monitor,
-) -> Result<Trial, Halt> {
-    let mut trial = network.clone();
-    for id in unknown {
-        let camera = trial.camera_mut(*id);
-        let width = camera.nominal.pixel_pitch_mm * f64::from(camera.nominal.width_px);
-        camera.nominal.interior.principal_distance = ratio * width;
-        camera.camera = camera.nominal.clone();
+    if !succeeds(first_pair::orient(&mut network, monitor))? {
+        return Ok(None);
     }
-    first_pair::orient(&mut trial, monitor)?;
-    while trial.connection_order.len() < IMAGES_TO_TRY {
-        let Some(next) = connect::next(&trial) else {
+    for _ in 0..IMAGES_TO_CONNECT {
+        let Some(next) = connect::next(&network) else {
             break;
         };
-        connect::run(&mut trial, next, monitor)?;
+        if !succeeds(connect::run(&mut network, next, monitor))? {
+            return Ok(None);
+        }
     }
-    let rms_px = update(&mut trial, monitor)?;
-    Ok(Trial {
-        distances: unknown
-            .iter()
-            .map(|id| (*id, trial.cameras[id].camera.interior.principal_distance))
-            .collect(),
-        images: trial.connection_order.len(),
-        rms_px,
-    })
+    if !succeeds(adjust::adjust(&mut network, Stage::AdjustCodes, monitor))? {
+        return Ok(None);
+    }
+    Ok(network
+        .adjustment
+        .as_ref()
+        .map(|a| a.rms_px)
+        .map(|rms_px| Trial {
+            images: network.oriented_images().count(),
+            rms_px,
+            network,
+        }))
+}
+
+/// Whether a step of a trial could be done; an interrupt ends the search.
+fn succeeds(result: Result<(), Halt>) -> Result<bool, Halt> {
+    match result {
+        Ok(()) => Ok(true),
+        Err(Halt::Failed(_)) => Ok(false),
+        Err(Halt::Interrupted) => Err(Halt::Interrupted),
+    }
 }

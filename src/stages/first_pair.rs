@@ -8,13 +8,17 @@ use rayon::prelude::*;
 
 use super::connect::update;
 use super::device::{DeviceView, device_views, label_device};
+use super::distance_search;
 use super::resection::intersect_new_points;
-use super::scale::apply_scale;
-use super::{Halt, StageError, distance_search};
+use super::scale::apply_frame;
+use super::{Halt, StageError};
 use crate::camera::Camera;
 use crate::geometry::Pose;
 use crate::monitor::Monitor;
-use crate::network::{ImageEntry, ImageId, Network, Point, PointId, Station};
+use crate::network::{
+    About, Finding, FindingKind, ImageEntry, ImageId, InteriorSource, Network, Point, PointId,
+    Stage, Station,
+};
 use crate::orientation::relative::{
     PixelPair, RelativePose, RelativeSettings, relative_orientation,
 };
@@ -50,9 +54,11 @@ struct Start {
     score: f64,
 }
 
-/// Orients the first pair; a principal distance that nobody knows is searched before.
+/// Orients the first pair, with a searched principal distance where none was stated.
 pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> {
-    distance_search::run(network, monitor)?;
+    if distance_search::is_needed(network) {
+        distance_search::run(network, monitor)?;
+    }
     orient(network, monitor)
 }
 
@@ -134,17 +140,26 @@ fn build_best(
 /// The network of two images: stations, the cross, the codes that both show, adjusted.
 fn build(network: &Network, start: &Start, monitor: &Monitor) -> Result<Network, Halt> {
     let mut built = network.clone();
+    // An earlier network's stations stand in its frame, which went with its points.
+    let ids: Vec<ImageId> = built.images.keys().copied().collect();
+    for id in ids {
+        let image = &built.images[&id];
+        if image.station.is_some() || image.attempt.is_some() {
+            let image = built.image_mut(id);
+            image.station = None;
+            image.attempt = None;
+        }
+    }
     for (id, pose) in start.images.iter().zip(&start.poses) {
         built.image_mut(*id).station = Some(Station {
             pose: *pose,
             covariance: None,
         });
-        built.image_mut(*id).attempt = None;
     }
     built.connection_order = Arc::new(start.images.to_vec());
     built.points = Arc::default();
     intersect_new_points(&mut built);
-    apply_scale(&mut built);
+    apply_frame(&mut built);
     let codes = |network: &Network| {
         network
             .points
@@ -175,6 +190,24 @@ fn still_supported(network: &Network) -> BTreeMap<PointId, Arc<Point>> {
         .iter()
         .filter(|(_, point)| point.covariance.is_some() && point.rays >= 2)
         .map(|(id, point)| (*id, Arc::clone(point)))
+        .collect()
+}
+
+/// Cameras whose principal distance nobody stated.
+pub(super) fn findings(network: &Network) -> Vec<Finding> {
+    network
+        .cameras
+        .values()
+        .filter(|camera| camera.source == InteriorSource::Unknown)
+        .map(|camera| Finding {
+            stage: Stage::FirstPair,
+            kind: FindingKind::Camera,
+            about: About::Camera(camera.name.clone()),
+            text: format!(
+                "camera '{}': no principal distance in a camera file or the images; searched, and started from {:.1} mm",
+                camera.name, camera.nominal.interior.principal_distance
+            ),
+        })
         .collect()
 }
 

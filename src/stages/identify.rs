@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use super::code_shape::{CodeShapes, normal_of_code};
+use super::set_aside::{OF_OTHER_TARGETS, codes_set_aside, set_code_aside};
 use super::{Halt, adjust};
 use crate::matching::{
     Identification, IdentificationInput, IdentificationSettings, KnownCircle, KnownPoint, Leftover,
@@ -11,8 +12,8 @@ use crate::matching::{
 };
 use crate::monitor::Monitor;
 use crate::network::{
-    AdjustmentResult, Connectivity, IdentificationPass, ImageEntry, ImageId, Label, Network, Point,
-    PointId, ScaleSource, Source, Stage,
+    AdjustmentResult, Connectivity, Finding, IdentificationPass, ImageEntry, ImageId, Label,
+    Network, Point, PointId, ScaleSource, Source, Stage,
 };
 use crate::targets::{DotIndex, Family};
 
@@ -90,7 +91,9 @@ pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> 
         points: new_points as u32,
         sigma_station_mm,
     };
-    Arc::make_mut(&mut network.passes).push(pass);
+    let passes = Arc::make_mut(&mut network.passes);
+    passes.retain(|earlier| earlier.basis == pass.basis);
+    passes.push(pass);
     Ok(())
 }
 
@@ -269,8 +272,8 @@ impl Names<'_> {
         let dot = self.views[member.view].dots[member.dot];
         let image = network.image_mut(self.images[member.view]);
         let previous = image.labels.get(&dot).map(|label| label.point);
-        if let Some(PointId::Code { family, code, .. }) = previous.filter(|p| *p != point) {
-            set_code_aside(image, family, code, "its dots belong to other targets");
+        if let Some((family, code)) = previous.filter(|p| *p != point).and_then(PointId::code) {
+            set_code_aside(image, family, code, OF_OTHER_TARGETS);
         }
         let label = Label {
             point,
@@ -334,22 +337,9 @@ impl Names<'_> {
     }
 }
 
-/// Takes the names of a code's dots away in one image, for this reason.
-pub(super) fn set_code_aside(image: &mut ImageEntry, family: Family, code: u32, reason: &str) {
-    let Some(detections) = image.detections.clone() else {
-        return;
-    };
-    let place = detections
-        .codes
-        .iter()
-        .position(|r| (r.family, r.id) == (family, code));
-    if let Some(place) = place {
-        Arc::make_mut(&mut image.set_aside).insert(place, reason.to_owned());
-    }
-    Arc::make_mut(&mut image.labels).retain(|_, label| {
-        let of_code = matches!(label.point, PointId::Code { family: f, code: c, .. } if (f, c) == (family, code));
-        !of_code || label.source == Source::Operator
-    });
+/// Readings whose dots turned out to be other targets.
+pub(super) fn findings(network: &Network) -> Vec<Finding> {
+    codes_set_aside(network, Stage::Identify, OF_OTHER_TARGETS)
 }
 
 fn in_words(reason: &LeftoverReason) -> String {

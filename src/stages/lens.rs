@@ -1,18 +1,18 @@
 //! What an adjustment may do with the lens.
 
+use std::collections::BTreeMap;
+
 use crate::adjustment::ParameterState;
-use crate::network::{CameraEntry, InteriorSource};
+use crate::network::{CameraEntry, CameraId, InteriorSource, Network};
 
 /// How far the lens is let go.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum LensFreedom {
-    /// Every parameter is held near its nominal value by what any real lens keeps to, and those that so few images
-    /// cannot tell from their orientations keep it: K1 alone up to three images, no K3, P, B up to five.
-    Provisional {
-        /// Oriented images.
-        images: usize,
-    },
-    /// Self-calibration: every parameter is free but those known beforehand.
+    /// Every parameter is held near its nominal value by what any real lens keeps to, and those that so few images of
+    /// the camera cannot tell from their orientations keep it: K1 alone up to three images, no K3, P, B up to five.
+    Provisional,
+    /// Self-calibration: every parameter is free but those known beforehand. A camera of fewer than
+    /// [`IMAGES_FOR_ALL`] oriented images stays provisional.
     Free,
 }
 
@@ -20,8 +20,9 @@ pub(super) enum LensFreedom {
 /// the orientations.
 const IMAGES_FOR_POINT_AND_DISTANCE: usize = 4;
 
-/// Images from which all ten are.
-const IMAGES_FOR_ALL: usize = 6;
+/// Images from which all ten are, and from which a lens is calibrated; fewer cannot tell its parameters from their
+/// orientations.
+pub(super) const IMAGES_FOR_ALL: usize = 6;
 
 /// Standard deviation of a principal distance taken from a camera file or EXIF, as a share of it: focusing changes it
 /// by some per cent.
@@ -37,22 +38,33 @@ const TANGENTIAL_SHARE: f64 = 0.003;
 /// Standard deviation of affinity and shear.
 const AFFINITY: f64 = 0.002;
 
-/// The part that the ten parameters take, in the order of `INTERIOR_NAMES`.
-pub(super) fn parameter_states(entry: &CameraEntry, freedom: LensFreedom) -> [ParameterState; 10] {
+/// Oriented images of each camera.
+pub(super) fn images_of_cameras(network: &Network) -> BTreeMap<CameraId, usize> {
+    let mut images = BTreeMap::new();
+    for (_, image, _) in network.oriented_images() {
+        *images.entry(image.camera).or_default() += 1;
+    }
+    images
+}
+
+/// The part that the ten parameters take, in the order of `INTERIOR_NAMES`; `images` are the camera's oriented ones.
+pub(super) fn parameter_states(
+    entry: &CameraEntry,
+    freedom: LensFreedom,
+    images: usize,
+) -> [ParameterState; 10] {
     let nominal = entry.nominal.interior.to_vector();
     let usual = usual_sigmas(entry);
     std::array::from_fn(|parameter| {
         let value = nominal[parameter];
         match (entry.known_sigmas[parameter], freedom) {
             (Some(sigma), _) => ParameterState::Weighted { value, sigma },
-            (None, LensFreedom::Free) => ParameterState::Free,
-            (None, LensFreedom::Provisional { images }) if images >= images_for(parameter) => {
-                ParameterState::Weighted {
-                    value,
-                    sigma: usual[parameter],
-                }
-            }
-            (None, LensFreedom::Provisional { .. }) => ParameterState::Fixed,
+            (None, LensFreedom::Free) if images >= IMAGES_FOR_ALL => ParameterState::Free,
+            (None, _) if images >= images_for(parameter) => ParameterState::Weighted {
+                value,
+                sigma: usual[parameter],
+            },
+            (None, _) => ParameterState::Fixed,
         }
     })
 }

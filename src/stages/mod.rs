@@ -18,6 +18,13 @@ mod identify;
 mod lens;
 mod resection;
 mod scale;
+mod set_aside;
+#[cfg(test)]
+mod tests;
+#[cfg(test)]
+mod trial;
+
+use std::sync::Arc;
 
 use crate::imaging::GreyImage;
 use crate::monitor::{Interrupted, Monitor};
@@ -145,7 +152,8 @@ impl Stage {
         }
     }
 
-    /// Closes a stage that has no next step: findings on what was left out, and the conclusion.
+    /// Closes a stage that has no next step: findings on what was left out, and the conclusion. What the stage found
+    /// when it concluded before is forgotten: what is still true is found again.
     ///
     /// `failure` is the reason of a step that could not be done.
     #[must_use]
@@ -153,9 +161,10 @@ impl Stage {
         let mut network = network.clone();
         let findings = match self {
             Stage::Detect => detect::findings(&network),
+            Stage::FirstPair => first_pair::findings(&network),
             Stage::Connect => connect::findings(&network),
             Stage::AdjustCodes | Stage::Adjust => adjust::findings(&network, self),
-            Stage::FirstPair | Stage::Identify => Vec::new(),
+            Stage::Identify => identify::findings(&network),
         };
         let left_out = findings.iter().any(|f| {
             matches!(
@@ -163,6 +172,7 @@ impl Stage {
                 FindingKind::UnreadableImage | FindingKind::UnconnectedImage
             )
         });
+        Arc::make_mut(&mut network.findings).retain(|finding| !self.judges_anew(finding));
         for finding in findings {
             network.note(finding);
         }
@@ -188,6 +198,23 @@ impl Stage {
             },
         );
         network
+    }
+
+    /// Whether the conclusion of this stage takes the place of a finding.
+    fn judges_anew(self, finding: &Finding) -> bool {
+        let own = finding.stage == self;
+        // The adjustments themselves say, each time anew, what they could not tell of the lens.
+        let of_an_adjustment = matches!(self, Stage::AdjustCodes | Stage::Identify | Stage::Adjust)
+            && finding.kind == FindingKind::Camera;
+        // The final adjustment judges bars and codes again, with more points.
+        let superseded = (self, finding.stage) == (Stage::Adjust, Stage::AdjustCodes)
+            && matches!(
+                finding.kind,
+                FindingKind::ScaleBar
+                    | FindingKind::DoubtfulCode
+                    | FindingKind::RejectedObservation
+            );
+        (own && !of_an_adjustment) || superseded
     }
 }
 

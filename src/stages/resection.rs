@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use nalgebra::{Vector2, Vector3};
 
+use super::lens::{IMAGES_FOR_ALL, images_of_cameras};
 use crate::camera::Camera;
 use crate::geometry::{Pose, Ray, intersect_rays};
 use crate::network::{CodeDot, ImageId, Network, Point, PointId};
@@ -20,8 +21,11 @@ const TOLERANCES_PX: [f64; 4] = [2.0, 5.0, 12.0, 25.0];
 /// Share of the known points that must agree with a pose.
 const SHARE_TO_AGREE: f64 = 0.6;
 
-/// Images after which the lens is known well enough for the tighter limits below.
-const IMAGES_TO_TRUST_LENS: usize = 6;
+/// A dot farther off than so many tolerances does not take part in the refinement.
+const FAR_OFF: f64 = 4.0;
+
+/// Refinements without the dots that the one before found far off.
+const TRIMMINGS: usize = 3;
 
 /// A code whose dots miss their predicted places by more is a wrong reading, px: with a nominal lens, and with a
 /// calibrated one.
@@ -51,8 +55,10 @@ pub(super) struct FoundPose {
     pub(super) misfits: Vec<usize>,
 }
 
+/// The second of the limits where enough images have calibrated the lenses of all cameras that took part so far.
 fn lens_limit(network: &Network, limits: [f64; 2]) -> f64 {
-    let known = network.connection_order.len() >= IMAGES_TO_TRUST_LENS;
+    let images = images_of_cameras(network);
+    let known = !images.is_empty() && images.values().all(|images| *images >= IMAGES_FOR_ALL);
     limits[usize::from(known)]
 }
 
@@ -93,6 +99,12 @@ pub(super) fn resect(
     let camera = &network.camera_of(&network.images[&id]).camera;
     let observations: Vec<PoseObservation> = rays.iter().map(|ray| ray.observation).collect();
     let needed = ((SHARE_TO_AGREE * rays.len() as f64).ceil() as usize).max(4);
+    let camera_known = images_of_cameras(network).contains_key(&network.images[&id].camera);
+    let misfit_limit = if camera_known {
+        lens_limit(network, MISFIT_PX)
+    } else {
+        MISFIT_PX[0]
+    };
     let start = similarity_start(network, camera, rays);
     let mut reason = String::new();
     for tolerance_px in TOLERANCES_PX {
@@ -108,7 +120,7 @@ pub(super) fn resect(
                 }
             },
         };
-        let limit = lens_limit(network, MISFIT_PX).max(3.0 * tolerance_px);
+        let limit = misfit_limit.max(3.0 * tolerance_px);
         let misfits = (0..rays.len())
             .filter(|&index| {
                 residual_px(camera, &pose, &observations[index]).is_none_or(|r| r > limit)
@@ -117,6 +129,20 @@ pub(super) fn resect(
         return Ok(FoundPose { pose, misfits });
     }
     Err(reason)
+}
+
+/// The known rays (by their places) that miss the image's orientation by far.
+pub(super) fn misfits(network: &Network, id: ImageId, rays: &[KnownRay]) -> Vec<usize> {
+    let image = &network.images[&id];
+    let camera = &network.camera_of(image).camera;
+    let limit = lens_limit(network, MISFIT_PX);
+    let near = |ray: &KnownRay| {
+        let pose = image.station.as_ref().map(|station| &station.pose)?;
+        residual_px(camera, pose, &ray.observation).filter(|residual| *residual <= limit)
+    };
+    (0..rays.len())
+        .filter(|&index| near(&rays[index]).is_none())
+        .collect()
 }
 
 fn by_consensus(
@@ -174,7 +200,19 @@ fn refine_within(
         loss: Loss::Huber(1.5),
         ..RefineSettings::default()
     };
-    let pose = refine_pose(camera, &alike, start, &settings).ok()?.pose;
+    let mut pose = refine_pose(camera, &alike, start, &settings).ok()?.pose;
+    // Bounded weights still let a code read wrongly pull; without the dots that are far off nothing pulls.
+    for _ in 0..TRIMMINGS {
+        let near: Vec<PoseObservation> = alike
+            .iter()
+            .filter(|o| residual_px(camera, &pose, o).is_some_and(|r| r < FAR_OFF * tolerance_px))
+            .copied()
+            .collect();
+        if near.len() == alike.len() {
+            break;
+        }
+        pose = refine_pose(camera, &near, &pose, &settings).ok()?.pose;
+    }
     let agreeing = observations
         .iter()
         .filter(|o| residual_px(camera, &pose, o).is_some_and(|r| r < tolerance_px))
@@ -311,9 +349,35 @@ impl Sight {
     }
 }
 
+/// The rays that pass a place.
+struct Meeting {
+    rays: Vec<Ray>,
+    /// Sum of their squared misses, px^2.
+    misses: f64,
+}
+
+impl Meeting {
+    fn of(sights: &[Sight], place: &Vector3<f64>, limit_px: f64) -> Self {
+        let passing = sights
+            .iter()
+            .map(|sight| (sight.ray, sight.miss_px(place)))
+            .filter(|(_, miss)| *miss < limit_px);
+        Self {
+            misses: passing.clone().map(|(_, miss)| miss * miss).sum(),
+            rays: passing.map(|(ray, _)| ray).collect(),
+        }
+    }
+
+    /// More rays, or as many that pass nearer: two rays of different targets may meet by accident.
+    fn is_better(&self, other: &Self) -> bool {
+        let rays = self.rays.len().cmp(&other.rays.len());
+        rays.then(other.misses.total_cmp(&self.misses)).is_gt()
+    }
+}
+
 /// The intersection that most rays agree on: more than half of them, at least two, not nearly parallel.
 fn meet(sights: &[Sight], limit_px: f64) -> Option<Vector3<f64>> {
-    let mut best: Option<(usize, Vec<Ray>)> = None;
+    let mut best: Option<Meeting> = None;
     for (index, first) in sights.iter().enumerate() {
         for second in &sights[index + 1..] {
             let angle = first.ray.angle(&second.ray);
@@ -323,23 +387,15 @@ fn meet(sights: &[Sight], limit_px: f64) -> Option<Vector3<f64>> {
             let Ok(pair) = intersect_rays(&[first.ray, second.ray]) else {
                 continue;
             };
-            let agreeing: Vec<Ray> = sights
-                .iter()
-                .filter(|s| s.miss_px(&pair.point) < limit_px)
-                .map(|s| s.ray)
-                .collect();
-            let both = first.miss_px(&pair.point).max(second.miss_px(&pair.point)) < limit_px;
-            if both
-                && best
-                    .as_ref()
-                    .is_none_or(|(count, _)| agreeing.len() > *count)
-            {
-                best = Some((agreeing.len(), agreeing));
+            let both = first.miss_px(&pair.point).max(second.miss_px(&pair.point));
+            let meeting = Meeting::of(sights, &pair.point, limit_px);
+            if both < limit_px && best.as_ref().is_none_or(|b| meeting.is_better(b)) {
+                best = Some(meeting);
             }
         }
     }
-    let (count, rays) = best?;
-    (2 * count > sights.len())
+    let rays = best?.rays;
+    (2 * rays.len() > sights.len())
         .then(|| intersect_rays(&rays).ok())
         .flatten()
         .map(|found| found.point)

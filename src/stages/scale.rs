@@ -6,7 +6,8 @@ use nalgebra::{Matrix6, Vector3};
 
 use crate::geometry::{Pose, Scale, Similarity, fit_similarity};
 use crate::network::{
-    BarRole, CodeDot, ControlRole, DevicePoint, Network, PointId, ScaleBar, ScaleSource, Station,
+    BarRole, CodeDot, ControlRole, DevicePoint, ImageUse, Network, PointId, ScaleBar, ScaleSource,
+    Station,
 };
 use crate::targets::Family;
 
@@ -53,7 +54,7 @@ pub(super) fn scale_source(network: &Network) -> ScaleSource {
 
 /// Gives the network the scale of its source by multiplying all lengths; the adjustment keeps that scale in the mean,
 /// or, with bars, improves it.
-pub(super) fn apply_scale(network: &mut Network) {
+fn apply_scale(network: &mut Network) {
     let lengths: Vec<Lengths> = match scale_source(network) {
         ScaleSource::Control => pair_lengths(&aligning_control(network)),
         ScaleSource::Bars => control_bars(network)
@@ -90,8 +91,12 @@ pub(super) fn transform(network: &mut Network, similarity: &Similarity) {
         point.position = similarity.apply(&point.position);
         point.covariance = point.covariance.map(|q| spread * q * spread.transpose());
     }
-    let ids: Vec<_> = network.oriented_images().map(|(id, ..)| id).collect();
+    // Excluded images too: one that is used again must not stand in an old frame.
+    let ids: Vec<_> = network.images.keys().copied().collect();
     for id in ids {
+        if network.images[&id].station.is_none() {
+            continue;
+        }
         let Some(station) = &mut network.image_mut(id).station else {
             continue;
         };
@@ -109,8 +114,14 @@ pub(super) fn transform(network: &mut Network, similarity: &Similarity) {
     }
 }
 
-/// Moves the network onto its control points by a best fit where three or more of them have coordinates; with bars the
-/// scale stays theirs.
+/// Gives the network the scale of its source, and the frame of its control points where three or more have coordinates:
+/// weighted control has to find the network near it.
+pub(super) fn apply_frame(network: &mut Network) {
+    apply_scale(network);
+    align_to_control(network);
+}
+
+/// Moves the network onto its control points by a best fit where three or more of them have coordinates.
 pub(super) fn align_to_control(network: &mut Network) {
     let pairs = aligning_control(network);
     if let Ok(fit) = fit_similarity(&pairs, Scale::Free) {
@@ -196,21 +207,15 @@ fn code_lengths(network: &Network) -> Vec<Lengths> {
     lengths
 }
 
+/// The distance of the first two images of those in use.
 fn first_base(network: &Network) -> Option<Lengths> {
-    let centre = |place: usize| {
-        let id = network.connection_order.get(place)?;
-        Some(
-            network
-                .images
-                .get(id)?
-                .station
-                .as_ref()?
-                .pose
-                .centre_in_world,
-        )
-    };
+    let mut centres = network.connection_order.iter().filter_map(|id| {
+        let image = network.images.get(id)?;
+        let station = image.station.as_ref()?;
+        (image.usage == ImageUse::Used).then_some(station.pose.centre_in_world)
+    });
     Some(Lengths {
         known: ARBITRARY_BASE_MM,
-        present: (centre(0)? - centre(1)?).norm(),
+        present: (centres.next()? - centres.next()?).norm(),
     })
 }

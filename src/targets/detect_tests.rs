@@ -121,13 +121,13 @@ fn dots_of_every_size_and_tilt_are_found_with_true_sigmas() {
     }
 }
 
-/// Oblique dots over noise of 2 grey values: resolved and faint, then small.
+/// Oblique dots over a dark of 10 and noise of 2 grey values: resolved and faint, then small.
 #[test]
 fn faint_oblique_dots_are_found_with_true_sigmas() {
     for (light, major, minor, least_found) in [
-        (22.0, 10.0, 4.6, 95),
-        (40.0, 8.0, 3.6, 99),
-        (55.0, 6.5, 3.0, 97),
+        (32.0, 10.0, 4.6, 98),
+        (50.0, 8.0, 3.6, 99),
+        (65.0, 6.5, 3.0, 98),
     ] {
         let (mut canvas, mut centres) = field(10, 10, 24.0, 9, |rng| Axes {
             major: major / 2.0,
@@ -151,15 +151,17 @@ fn faint_oblique_dots_are_found_with_true_sigmas() {
         let lost = 100 - least_found;
         assert!(
             accuracy.found + lost >= centres.len(),
-            "{light}: {} of {}",
+            "{light}: {} of {}, refused {:?}",
             accuracy.found,
-            centres.len()
+            centres.len(),
+            detections.rejected
         );
-        assert_eq!(
-            detections.dots.len(),
-            accuracy.found + 1,
-            "{light}: false dots"
-        );
+        let is_known = |dot: &&Dot| {
+            let near = |place: &Vector2<f64>, reach: f64| (dot.centre_px - place).norm() < reach;
+            near(&bright, 20.0) || centres.iter().any(|centre| near(centre, 2.0))
+        };
+        let known = detections.dots.iter().filter(is_known).count();
+        assert_eq!(known, detections.dots.len(), "{light}: false dots");
         // 190 coordinates give the ratio to 5 %; four times that.
         assert!(
             (accuracy.ratio - 1.0).abs() < 0.2,

@@ -341,7 +341,9 @@ fn judged(
     let axes = ellipse.axes().ok_or("no ellipse can be fitted")?;
     let contrast = profile.amplitude();
     let trust = trust(pixels, fit, view.clipping).ok_or("no ellipse can be fitted")?;
-    let misfit = (trust.dot_residual.powi(2) - view.noise.powi(2))
+    // Residuals that chance alone gives (two standard deviations of their variance) are no misfit: it matters to faint dots.
+    let by_chance = 1.0 + 2.0 * (2.0 / trust.dot_redundancy.max(1.0)).sqrt();
+    let misfit = (trust.dot_residual.powi(2) - by_chance * view.noise.powi(2))
         .max(0.0)
         .sqrt()
         / contrast;

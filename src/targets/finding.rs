@@ -96,25 +96,29 @@ pub(super) fn candidates(
     let ground_area = ground_areas(nodes);
     let mut chain_of = vec![None; nodes.len()];
     let mut chains: Vec<Vec<u32>> = Vec::new();
-    for slot in 0..nodes.len() {
-        if !elliptic[slot] || f64::from(nodes[slot].area) > settings.largest_area {
+    for (slot, node) in nodes.iter().enumerate() {
+        if f64::from(node.area) > settings.largest_area {
             continue;
         }
-        let continued = nodes[slot].parent.filter(|&parent| {
-            let keeps = f64::from(nodes[slot].area)
+        let continued = node.parent.filter(|&parent| {
+            let keeps = f64::from(node.area)
                 >= (1.0 - LARGEST_LOSS) * f64::from(nodes[parent as usize].area);
-            elliptic[parent as usize]
-                && keeps
-                && largest_child[parent as usize] == Some(slot as u32)
+            keeps && largest_child[parent as usize] == Some(slot as u32)
         });
-        let chain = continued
-            .and_then(|parent| chain_of[parent as usize])
-            .unwrap_or_else(|| {
+        let known = continued.and_then(|parent| chain_of[parent as usize]);
+        if elliptic[slot] {
+            let chain = known.unwrap_or_else(|| {
                 chains.push(Vec::new());
                 chains.len() - 1
             });
-        chain_of[slot] = Some(chain);
-        chains[chain].push(slot as u32);
+            chain_of[slot] = Some(chain);
+            chains[chain].push(slot as u32);
+        } else if node.area >= SPECK_AREA
+            && continued.is_some_and(|parent| elliptic[parent as usize])
+        {
+            // Noise frays the outline of a faint dot on one level or another: the chain goes on above it.
+            chain_of[slot] = known;
+        }
     }
     let found: Vec<(Candidate, Strength)> = chains
         .iter()

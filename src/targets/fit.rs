@@ -53,6 +53,8 @@ pub(super) struct Trust {
     pub(super) sigma_px: f64,
     /// Root mean square residual over the dot and its edge, with their redundancy.
     pub(super) dot_residual: f64,
+    /// That redundancy.
+    pub(super) dot_redundancy: f64,
     /// How many times larger the variance of the centre is than independent residuals would make it.
     pub(super) dependence: f64,
 }
@@ -330,6 +332,7 @@ pub(super) fn trust(pixels: &[Pixel], fit: &Fit, clipping: Option<f64>) -> Optio
         sigma_px: mean.sqrt(),
         dependence: dependence(&sectors, &cofactor, even),
         dot_residual: (dot_squares / dot_redundancy).sqrt(),
+        dot_redundancy,
     })
 }
 

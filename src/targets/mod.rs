@@ -1,10 +1,11 @@
-//! Targets in one picture: dots, coded targets, the reference cross.
+//! Targets in one picture: dots and the codes that they make.
 //!
-//! Detection proposes places that keep an elliptic shape over several grey levels (see [`crate::imaging::LevelTree`]), then
-//! fits to each the grey values of a blurred elliptic dot, `background + amplitude Phi(d / blur)`, by least squares over its
-//! pixels: centre, ellipse, blur, amplitude and background are one estimate (after the models of Luhmann, Robson,
-//! Kyle and Boehm, Close-Range Photogrammetry, 2014, chapter 5.4). The centre's sigma comes from that fit's residuals,
-//! not from an assumed noise. A dot that is covered, cut off or no ellipse is refused by its misfit, with a reason.
+//! Detection proposes places that keep an elliptic shape over several grey levels (see [`crate::imaging::LevelTree`]),
+//! then fits to each the grey values of a blurred elliptic dot, `background + amplitude Phi(d / blur)`, by least
+//! squares over its pixels: centre, ellipse, blur, amplitude and background are one estimate (after the models of
+//! Luhmann, Robson, Kyle and Boehm, Close-Range Photogrammetry, 2014, chapter 5.4). The centre's sigma comes from that
+//! fit's residuals, not from an assumed noise. A dot that is covered, cut off or no ellipse is refused by its misfit,
+//! with a reason.
 //!
 //! Ring codes are read in the frame that their dot's ellipse gives, corrected by the ring's own edges; the rule is to
 //! read a number rightly or to say why not.

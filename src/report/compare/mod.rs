@@ -1,8 +1,8 @@
 //! The adjusted points against known coordinates: best fit, then differences.
 //!
-//! The transformation is fitted to the points found by label, every coordinate with weight 1 (Umeyama, 1991), and nothing is left
-//! out as an outlier: a comparison that hides its worst point is none. Points without a label of ours are then looked for
-//! where that transformation puts the adjusted ones, and reported apart.
+//! The transformation is fitted to the points found by label, every coordinate with weight 1 (Umeyama, 1991), and
+//! nothing is left out as an outlier: a comparison that hides its worst point is none. Points without a label of ours
+//! are then looked for where that transformation puts the adjusted ones, and reported apart.
 
 mod matching;
 mod table;

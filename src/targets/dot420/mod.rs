@@ -17,8 +17,8 @@
 //! 4. **One dot, one code.** Where readings share dots the best fit stays; if the loser would have passed by itself, the
 //!    winner carries a doubt. A number read twice in one picture carries a doubt at both places.
 //!
-//! The mirror image of a code is itself a code (A and B change roles, x and y of the positions are swapped), so a mirrored
-//! picture gives other numbers and cannot be noticed here; the handedness is what keeps an upright one right.
+//! The mirror image of a code is itself a code (A and B change roles, x and y of the positions are swapped), so a
+//! mirrored picture gives other numbers and cannot be noticed here; the handedness is what keeps an upright one right.
 
 mod hypothesis;
 mod neighbours;

@@ -1,8 +1,8 @@
 //! The plane of a code in perspective: a homography from grid to pixels, fitted to six centres.
 //!
-//! `x_px = (a X + b Y + c) / w`, `y_px = (d X + e Y + f) / w`, `w = 1 + g X + h Y`, with X, Y in pitches from the middle
-//! (3, 3) of the code. Lens distortion and the offset of an ellipse's centre from the circle's centre vary so little inside
-//! a code that the homography takes up all but some thousandths of a pitch.
+//! `x_px = (a X + b Y + c) / w`, `y_px = (d X + e Y + f) / w`, `w = 1 + g X + h Y`, with X, Y in pitches from the
+//! middle (3, 3) of the code. Lens distortion and the offset of an ellipse's centre from the circle's centre vary so
+//! little inside a code that the homography takes up all but some thousandths of a pitch.
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 

@@ -6,7 +6,8 @@ use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
 use super::{Dot420Settings, read_dot420};
-use crate::camera::{Camera, InteriorOrientation};
+use crate::camera::Camera;
+use crate::camera::fixture::wide_angle_camera;
 use crate::geometry::Pose;
 use crate::targets::{CodeReading, DOT420_AXES, Dot, DotIndex, dot420_number, dot420_table};
 
@@ -40,21 +41,6 @@ impl View {
     }
 }
 
-fn camera() -> Camera {
-    Camera {
-        width_px: 3072,
-        height_px: 2048,
-        pixel_pitch_mm: 0.009,
-        interior: InteriorOrientation {
-            principal_distance: 20.0,
-            principal_point: [0.1, -0.05],
-            radial: [1.5e-4, -4e-7, 2e-10],
-            tangential: [1e-5, -2e-5],
-            affinity: [1e-4, -5e-5],
-        },
-    }
-}
-
 /// Places on the plane z = 0 (mm): the six dots of a code (number from 1), its O at `origin`, turned by `turn`.
 fn code_places(id: u32, origin: Vector2<f64>, turn: f64) -> Vec<Vector2<f64>> {
     let rotation = nalgebra::Rotation2::new(turn);
@@ -80,7 +66,7 @@ fn photograph(
     view: &View,
     random: &mut ChaCha8Rng,
 ) -> Vec<Option<Dot>> {
-    let camera = camera();
+    let camera = wide_angle_camera();
     let distance =
         DOT_MM * camera.interior.principal_distance / (camera.pixel_pitch_mm * view.dot_px);
     let (st, ct) = view.tilt.sin_cos();

@@ -69,7 +69,6 @@ fn files_copied_while_a_project_is_open_hold_the_last_save() {
 
 /// Not a test by itself: the other process of the tests below, which saves until it is killed.
 #[test]
-#[ignore = "the other process of other tests"]
 fn child_saves_until_killed() {
     let Some(file) = std::env::var_os("TIEPOINT_TEST_PROJECT") else {
         return;
@@ -97,7 +96,7 @@ struct Saving {
 impl Saving {
     fn start(file: &Path) -> Self {
         let mut process = Command::new(std::env::current_exe().unwrap())
-            .args(["--ignored", "--exact", "--nocapture"])
+            .args(["--exact", "--nocapture"])
             .arg("project::storage::tests::writers::child_saves_until_killed")
             .env("TIEPOINT_TEST_PROJECT", file)
             .stdout(Stdio::null())

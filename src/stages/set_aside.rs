@@ -1,0 +1,52 @@
+//! Code readings that do not fit the network: their names are taken away, the reason stays with the image.
+
+use std::sync::Arc;
+
+use crate::network::{About, Finding, FindingKind, ImageEntry, Network, Source, Stage};
+use crate::targets::{CodeReading, Family};
+
+/// A resection contradicts the reading.
+pub(super) const OFF_ITS_PLACE: &str = "it does not lie where the other codes put it";
+
+/// Identification found other targets in its dots.
+pub(super) const OF_OTHER_TARGETS: &str = "its dots belong to other targets";
+
+/// The coordinates contradict the reading.
+pub(super) const OF_OTHER_SHAPE: &str = "its dots do not have the shape of the code in space";
+
+/// Takes the names of a code's dots away in one image, for this reason.
+pub(super) fn set_code_aside(image: &mut ImageEntry, family: Family, code: u32, reason: &str) {
+    let Some(detections) = image.detections.clone() else {
+        return;
+    };
+    let of_code = |r: &CodeReading| (r.family, r.id) == (family, code);
+    for place in (0..detections.codes.len()).filter(|&place| of_code(&detections.codes[place])) {
+        Arc::make_mut(&mut image.set_aside).insert(place, reason.to_owned());
+    }
+    Arc::make_mut(&mut image.labels).retain(|_, label| {
+        label.point.code() != Some((family, code)) || label.source == Source::Operator
+    });
+}
+
+/// A finding for each reading that was set aside for this reason, by image and place.
+pub(super) fn codes_set_aside(network: &Network, stage: Stage, reason: &str) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    for (id, image) in network.used_images() {
+        let Some(detections) = &image.detections else {
+            continue;
+        };
+        for (&place, why) in image.set_aside.iter() {
+            let Some(reading) = detections.codes.get(place).filter(|_| why == reason) else {
+                continue;
+            };
+            let label = reading.family.code_label(reading.id);
+            findings.push(Finding {
+                stage,
+                kind: FindingKind::DoubtfulCode,
+                about: About::Image(id),
+                text: format!("{}: {label} is set aside: {reason}", image.file.path),
+            });
+        }
+    }
+    findings
+}
