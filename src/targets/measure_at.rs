@@ -81,8 +81,7 @@ impl CutOut {
             return None;
         }
         let (column, row) = (place.x as usize, place.y as usize);
-        let columns =
-            column.saturating_sub(half_side)..(column + half_side + 1).min(image.width());
+        let columns = column.saturating_sub(half_side)..(column + half_side + 1).min(image.width());
         let rows = row.saturating_sub(half_side)..(row + half_side + 1).min(image.height());
         let samples = rows
             .clone()
@@ -178,7 +177,8 @@ impl CutOut {
             };
             let quarter = (diameter / 4.0).powi(2);
             let ellipse = Ellipse::from_moments(place, [quarter, 0.0, quarter]);
-            if let Some(ellipse) = ellipse.filter(|_| top > surroundings + LEAST_HEIGHT * view.noise)
+            if let Some(ellipse) =
+                ellipse.filter(|_| top > surroundings + LEAST_HEIGHT * view.noise)
             {
                 found.push(Candidate {
                     ellipse,
@@ -275,8 +275,7 @@ mod tests {
             for column in 0..width {
                 let mut grey = 20.0 + f64::from((column * 7 + row * 13) % 5) * 0.6;
                 for &(x, y, diameter, amplitude) in dots {
-                    let distance =
-                        (f64::from(column) + 0.5 - x).hypot(f64::from(row) + 0.5 - y);
+                    let distance = (f64::from(column) + 0.5 - x).hypot(f64::from(row) + 0.5 - y);
                     grey += amplitude / (1.0 + ((distance - diameter / 2.0) / 0.45).exp());
                 }
                 samples.push(grey.round() as u16);
@@ -291,16 +290,29 @@ mod tests {
         let settings = MeasureAtSettings::default();
         let dot = measure_at(&image, Vector2::new(82.5, 58.9), &settings).unwrap();
         // The profile's edge is no Gaussian's, so a twentieth of a pixel is asked, not a hundredth.
-        assert!((dot.centre_px - Vector2::new(80.3, 60.7)).norm() < 0.05, "{dot:?}");
-        assert!((dot.major_px - 9.0).abs() < 0.7 && dot.sigma_px < 0.1, "{dot:?}");
+        assert!(
+            (dot.centre_px - Vector2::new(80.3, 60.7)).norm() < 0.05,
+            "{dot:?}"
+        );
+        assert!(
+            (dot.major_px - 9.0).abs() < 0.7 && dot.sigma_px < 0.1,
+            "{dot:?}"
+        );
     }
 
     #[test]
     fn a_faint_dot_is_measured_that_detection_would_not_propose() {
         let image = picture(&[(140.6, 90.2, 7.0, 12.0)]);
-        let dot = measure_at(&image, Vector2::new(140.0, 91.0), &MeasureAtSettings::default());
+        let dot = measure_at(
+            &image,
+            Vector2::new(140.0, 91.0),
+            &MeasureAtSettings::default(),
+        );
         let dot = dot.unwrap();
-        assert!((dot.centre_px - Vector2::new(140.6, 90.2)).norm() < 0.3, "{dot:?}");
+        assert!(
+            (dot.centre_px - Vector2::new(140.6, 90.2)).norm() < 0.3,
+            "{dot:?}"
+        );
     }
 
     #[test]
@@ -315,7 +327,11 @@ mod tests {
     #[test]
     fn a_centre_by_hand_has_its_neighbours_size_and_a_hands_sigma() {
         let image = picture(&[(80.3, 60.7, 9.0, 120.0)]);
-        let neighbour = measure_at(&image, Vector2::new(80.0, 60.0), &MeasureAtSettings::default());
+        let neighbour = measure_at(
+            &image,
+            Vector2::new(80.0, 60.0),
+            &MeasureAtSettings::default(),
+        );
         let neighbour = neighbour.unwrap();
         let dot = centre_by_hand(&image, Vector2::new(30.0, 30.0), &[neighbour.clone()]);
         assert_eq!((dot.sigma_px, dot.major_px), (0.5, neighbour.major_px));

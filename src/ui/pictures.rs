@@ -52,7 +52,8 @@ pub struct Thumbnail {
 impl Thumbnail {
     fn of(picture: &GreyImage) -> Self {
         let longer = picture.width().max(picture.height()).max(1);
-        let side = |length: usize| (length * THUMBNAIL_PX as usize / longer).clamp(1, length.max(1));
+        let side =
+            |length: usize| (length * THUMBNAIL_PX as usize / longer).clamp(1, length.max(1));
         let (width, height) = (side(picture.width()), side(picture.height()));
         let mut means = Vec::with_capacity(width * height);
         for row in 0..height {
@@ -64,8 +65,13 @@ impl Thumbnail {
         sorted.sort_by(f64::total_cmp);
         let at = |share: f64| sorted[((sorted.len() - 1) as f64 * share) as usize];
         let (black, white) = (at(0.01), at(0.995).max(at(0.01) + 1.0));
-        let stretched = |mean: &f64| ((mean - black) / (white - black) * 255.0).clamp(0.0, 255.0) as u8;
-        Self { width, height, grey: means.iter().map(stretched).collect() }
+        let stretched =
+            |mean: &f64| ((mean - black) / (white - black) * 255.0).clamp(0.0, 255.0) as u8;
+        Self {
+            width,
+            height,
+            grey: means.iter().map(stretched).collect(),
+        }
     }
 
     /// As egui takes pictures.
@@ -157,7 +163,10 @@ impl PictureStore {
     ///
     /// # Errors
     /// Where the system gives no thread.
-    pub fn new(settings: PictureSettings, wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
+    pub fn new(
+        settings: PictureSettings,
+        wake: impl Fn() + Send + 'static,
+    ) -> std::io::Result<Self> {
         Ok(Self {
             worker: Worker::new("pictures", wake)?,
             settings,
@@ -184,15 +193,31 @@ impl PictureStore {
     pub fn insert(&mut self, image: ImageId, entry: &ImageEntry, picture: Arc<GreyImage>) {
         let path = entry.file.path.clone();
         let thumbnail = Some(Arc::new(Thumbnail::of(&picture)));
-        self.thumbnails.insert(image, HeldThumbnail { path: path.clone(), thumbnail });
+        self.thumbnails.insert(
+            image,
+            HeldThumbnail {
+                path: path.clone(),
+                thumbnail,
+            },
+        );
         self.looks.borrow_mut().seen.insert(image, self.frame);
-        self.pictures.insert(image, Held { path, picture: Ok(picture) });
+        self.pictures.insert(
+            image,
+            Held {
+                path,
+                picture: Ok(picture),
+            },
+        );
     }
 
     /// The picture of an image; asks for it where it is not there.
     pub fn get(&self, image: ImageId, entry: &ImageEntry) -> PictureState {
         let mut looks = self.looks.borrow_mut();
-        if let Some(held) = self.pictures.get(&image).filter(|held| held.path == entry.file.path) {
+        if let Some(held) = self
+            .pictures
+            .get(&image)
+            .filter(|held| held.path == entry.file.path)
+        {
             looks.seen.insert(image, self.frame);
             return match &held.picture {
                 Ok(picture) => PictureState::Ready(Arc::clone(picture)),
@@ -205,10 +230,16 @@ impl PictureStore {
 
     /// The thumbnail of an image; asks for it where it is not there.
     pub fn thumbnail(&self, image: ImageId, entry: &ImageEntry) -> Option<Arc<Thumbnail>> {
-        if let Some(held) = self.thumbnails.get(&image).filter(|held| held.path == entry.file.path) {
+        if let Some(held) = self
+            .thumbnails
+            .get(&image)
+            .filter(|held| held.path == entry.file.path)
+        {
             return held.thumbnail.clone();
         }
-        self.looks.borrow_mut().ask(Want::Thumbnail, image, entry, self.frame);
+        self.looks
+            .borrow_mut()
+            .ask(Want::Thumbnail, image, entry, self.frame);
         None
     }
 
@@ -236,14 +267,29 @@ impl PictureStore {
     }
 
     fn take(&mut self, decoded: Decoded) {
-        let Decoded { generation, image, want, path, result } = decoded;
+        let Decoded {
+            generation,
+            image,
+            want,
+            path,
+            result,
+        } = decoded;
         if generation != self.generation {
             return;
         }
         let mut looks = self.looks.borrow_mut();
         looks.asked.remove(&(want, image));
-        let thumbnail = result.as_ref().ok().map(|(_, thumbnail)| Arc::clone(thumbnail));
-        self.thumbnails.insert(image, HeldThumbnail { path: path.clone(), thumbnail });
+        let thumbnail = result
+            .as_ref()
+            .ok()
+            .map(|(_, thumbnail)| Arc::clone(thumbnail));
+        self.thumbnails.insert(
+            image,
+            HeldThumbnail {
+                path: path.clone(),
+                thumbnail,
+            },
+        );
         // A picture that was decoded for its thumbnail alone is let go: the memory is for those that are looked at.
         if want == Want::Picture || result.is_err() {
             looks.seen.insert(image, self.frame);
@@ -254,7 +300,13 @@ impl PictureStore {
 
     fn take_panic(&mut self, panicked: &Panicked, (want, image, path): (Want, ImageId, String)) {
         let result = Err(format!("{path}: {panicked}"));
-        self.take(Decoded { generation: self.generation, image, want, path, result });
+        self.take(Decoded {
+            generation: self.generation,
+            image,
+            want,
+            path,
+            result,
+        });
     }
 
     fn start_next(&mut self) {
@@ -263,10 +315,13 @@ impl PictureStore {
         };
         let mut looks = self.looks.borrow_mut();
         let frame = self.frame;
-        looks.asked.retain(|_, asked| asked.last + FORGOTTEN_AFTER >= frame);
-        let next = looks.asked.iter().max_by_key(|((want, image), asked)| {
-            (*want, asked.first, std::cmp::Reverse(*image))
-        });
+        looks
+            .asked
+            .retain(|_, asked| asked.last + FORGOTTEN_AFTER >= frame);
+        let next = looks
+            .asked
+            .iter()
+            .max_by_key(|((want, image), asked)| (*want, asked.first, std::cmp::Reverse(*image)));
         let Some((&(want, image), asked)) = next else {
             return;
         };
@@ -280,7 +335,13 @@ impl PictureStore {
                     (Arc::new(picture.image), Arc::new(thumbnail))
                 })
                 .map_err(|error| error.to_string());
-            Decoded { generation, image, want, path, result }
+            Decoded {
+                generation,
+                image,
+                want,
+                path,
+                result,
+            }
         });
     }
 
@@ -294,7 +355,11 @@ impl PictureStore {
                 return;
             }
             let seen = |image: &ImageId| looks.seen.get(image).copied().unwrap_or(0);
-            let oldest = self.pictures.iter().filter(|(_, held)| pixels(held) > 0).map(|(image, _)| *image);
+            let oldest = self
+                .pictures
+                .iter()
+                .filter(|(_, held)| pixels(held) > 0)
+                .map(|(image, _)| *image);
             let Some(oldest) = oldest.min_by_key(|image| (seen(image), *image)) else {
                 return;
             };
@@ -310,7 +375,11 @@ impl PictureStore {
 impl Looks {
     fn ask(&mut self, want: Want, image: ImageId, entry: &ImageEntry, frame: u64) {
         let path = &entry.file.path;
-        let asked = self.asked.entry((want, image)).or_insert_with(|| Asked { path: path.clone(), first: frame, last: frame });
+        let asked = self.asked.entry((want, image)).or_insert_with(|| Asked {
+            path: path.clone(),
+            first: frame,
+            last: frame,
+        });
         asked.last = frame;
         if asked.path != *path {
             asked.path.clone_from(path);
@@ -343,7 +412,8 @@ mod tests {
     }
 
     fn folder(name: &str) -> PathBuf {
-        let folder = std::env::temp_dir().join(format!("tiepoint-pictures-{name}-{}", std::process::id()));
+        let folder =
+            std::env::temp_dir().join(format!("tiepoint-pictures-{name}-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
         folder
     }
@@ -353,11 +423,15 @@ mod tests {
         let folder = folder("looking");
         write(&folder, "a.pgm", 7);
         let (wake, woken) = channel();
-        let mut store = PictureStore::new(PictureSettings::default(), move || drop(wake.send(()))).unwrap();
+        let mut store =
+            PictureStore::new(PictureSettings::default(), move || drop(wake.send(()))).unwrap();
         store.set_folder(&folder);
         let (a, b) = (entry("a.pgm"), entry("b.pgm"));
         for _ in 0..2 {
-            assert!(matches!(store.get(ImageId(1), &a), PictureState::Loading | PictureState::Ready(_)));
+            assert!(matches!(
+                store.get(ImageId(1), &a),
+                PictureState::Loading | PictureState::Ready(_)
+            ));
             store.get(ImageId(2), &b);
             store.poll();
             woken.recv().unwrap();
@@ -373,7 +447,10 @@ mod tests {
             panic!("there is no such file");
         };
         assert!(reason.contains("b.pgm"), "{reason}");
-        assert!(store.thumbnail(ImageId(1), &a).is_some(), "a decoded picture has its thumbnail");
+        assert!(
+            store.thumbnail(ImageId(1), &a).is_some(),
+            "a decoded picture has its thumbnail"
+        );
         std::fs::remove_dir_all(&folder).unwrap();
     }
 
@@ -394,7 +471,9 @@ mod tests {
 
     #[test]
     fn a_thumbnail_keeps_the_shape_and_stretches_the_contrast() {
-        let samples = (0..400 * 200).map(|slot| 100 + (slot % 400 / 10) as u16).collect();
+        let samples = (0..400 * 200)
+            .map(|slot| 100 + (slot % 400 / 10) as u16)
+            .collect();
         let thumbnail = Thumbnail::of(&GreyImage::new(400, 200, BitDepth::Eight, samples).unwrap());
         assert_eq!((thumbnail.width, thumbnail.height), (96, 48));
         assert!(thumbnail.grey[0] < 10 && thumbnail.grey[95] > 245);

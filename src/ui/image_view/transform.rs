@@ -40,7 +40,10 @@ impl ScreenFromImage {
     #[must_use]
     pub fn centred(rect: Rect, centre: Vector2<f64>, scale: f64) -> Self {
         let middle = Vector2::new(f64::from(rect.center().x), f64::from(rect.center().y));
-        Self { scale, origin: middle - centre * scale }
+        Self {
+            scale,
+            origin: middle - centre * scale,
+        }
     }
 
     /// The magnification at which a picture just fits.
@@ -73,7 +76,10 @@ impl ScreenFromImage {
     /// The part of the picture in a part of the screen.
     #[must_use]
     pub fn visible(&self, rect: Rect) -> PixelRect {
-        PixelRect { min: self.pixel(rect.min), max: self.pixel(rect.max) }
+        PixelRect {
+            min: self.pixel(rect.min),
+            max: self.pixel(rect.max),
+        }
     }
 }
 
@@ -112,14 +118,20 @@ impl Sight {
         let fixed = before.pixel(about);
         let from_middle = about - rect.center();
         let offset = Vector2::new(f64::from(from_middle.x), f64::from(from_middle.y)) / scale;
-        Sight::At { centre: fixed - offset, scale }
+        Sight::At {
+            centre: fixed - offset,
+            scale,
+        }
     }
 
     /// Moved by a drag on the screen.
     #[must_use]
     pub fn moved(&self, rect: Rect, size: [u32; 2], drag: Vec2) -> Self {
         let before = self.transform(rect, size);
-        Sight::At { centre: before.pixel(rect.center() - drag), scale: before.scale }
+        Sight::At {
+            centre: before.pixel(rect.center() - drag),
+            scale: before.scale,
+        }
     }
 }
 
@@ -166,7 +178,9 @@ mod tests {
 
     #[test]
     fn a_drag_moves_the_picture_with_the_pointer() {
-        let place = Sight::Fit.transform(rect(), [3000, 2000]).pixel(pos2(200.0, 200.0));
+        let place = Sight::Fit
+            .transform(rect(), [3000, 2000])
+            .pixel(pos2(200.0, 200.0));
         let moved = Sight::Fit.moved(rect(), [3000, 2000], vec2(40.0, -30.0));
         let found = moved.transform(rect(), [3000, 2000]).point(place);
         assert!((found - pos2(240.0, 170.0)).length() < 1e-2);
