@@ -8,48 +8,45 @@
 //! automatic contrast, `L` label, `X` reject, `R` restore, `Delete` take the label away, `A` measure, `N` number of
 //! the selected code.
 
+mod draw;
 mod hover;
 mod labelling;
+mod levels;
 mod marks;
+mod notes;
 mod overlay;
 mod prediction;
 #[cfg(test)]
 mod tests;
 mod tiles;
+mod tools;
 mod transform;
+mod window;
 
 use std::sync::Arc;
 
-use eframe::egui_wgpu;
-use egui::{Color32, Key, Modifiers, PointerButton, Pos2, Rect, Response, Sense, Stroke, Ui, vec2};
+use egui::{Key, PointerButton, Pos2, Rect, Response, Sense, Ui, vec2};
 use nalgebra::Vector2;
 
 use crate::imaging::GreyImage;
-use crate::network::{ImageEntry, ImageId, Network, PointId, Stage};
-use crate::project::edit::Edit;
-use crate::targets::{Dot, DotIndex, MeasureAtSettings, centre_by_hand, measure_at};
-use crate::ui::action::{Action, RunRequest, Selection};
+use crate::network::{ImageEntry, ImageId};
+use crate::ui::action::{Action, Selection};
 use crate::ui::context::ViewContext;
 use crate::ui::pictures::PictureState;
 
 use hover::Hovered;
-use labelling::{Choice, Entered, LabelPopup, NumberPopup, Subject};
+use labelling::{LabelPopup, NumberPopup};
 use marks::{Marks, MarksCache};
-use overlay::Easel;
-use tiles::PictureCallback;
+use notes::{hints, overlay_menu, status_of};
 use transform::Sight;
 
 pub use labelling::{LabelCandidate, filtered, new_target, rank_labels};
 pub use marks::DotClass;
 pub use overlay::{Overlay, Overlays};
 pub use prediction::{Facing, Predicted, missed_targets};
-pub use tiles::{GreyWindow, install};
+pub use tiles::install;
 pub use transform::{PixelRect, ScreenFromImage};
-
-/// Magnification of the loupe, screen points per pixel.
-const LOUPE_SCALE: f64 = 16.0;
-/// Side of the loupe, points.
-const LOUPE_SIDE: f32 = 220.0;
+pub use window::GreyWindow;
 
 /// What a click does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -175,7 +172,7 @@ impl ImageView {
             ui.weak("This image is no longer part of the project.");
             return;
         };
-        self.view = ui.id().with("image view").value();
+        self.view = ui.scope_id().with("image view").value();
         let state = context.pictures.get(self.image, &entry);
         let picture = match &state {
             PictureState::Ready(picture) => Some(Arc::clone(picture)),
@@ -306,509 +303,4 @@ impl ImageView {
             self.window = Some(window.dragged(drag, f64::from(picture.depth().white())));
         }
     }
-
-    fn keys(
-        &mut self,
-        ui: &Ui,
-        canvas: &Canvas<'_>,
-        context: &ViewContext<'_>,
-        actions: &mut Vec<Action>,
-    ) {
-        let open = canvas.pointer.is_some() || canvas.response.has_focus();
-        if !open || self.popup.is_some() || ui.ctx().text_edit_focused() {
-            return;
-        }
-        let pressed = |key: Key| ui.input_mut(|input| input.consume_key(Modifiers::NONE, key));
-        if pressed(Key::F) {
-            self.sight = Sight::Fit;
-        }
-        if pressed(Key::Num1) {
-            let middle = canvas.pointer.unwrap_or(canvas.rect.center());
-            let per_point = f64::from(ui.ctx().pixels_per_point());
-            let factor = 1.0 / (canvas.transform.scale * per_point);
-            let size = [canvas.entry.file.width_px, canvas.entry.file.height_px];
-            self.sight = self.sight.zoomed(canvas.rect, size, middle, factor);
-        }
-        if pressed(Key::Num0) {
-            self.window = canvas.picture.as_deref().map(GreyWindow::of_picture);
-        }
-        if pressed(Key::Z) {
-            self.toggle_loupe();
-        }
-        if self.tool == Tool::Measure && pressed(Key::Escape) {
-            self.tool = Tool::Look;
-        }
-        if pressed(Key::A) {
-            self.measure_key(canvas, context);
-        }
-        self.dot_keys(&pressed, canvas, context, actions);
-    }
-
-    /// `A` over a missed target or a refused candidate measures there at once; elsewhere the next click measures.
-    fn measure_key(&mut self, canvas: &Canvas<'_>, context: &ViewContext<'_>) {
-        let place = match canvas.hovered {
-            Some(Hovered::Missed(missed)) => Some(missed.place_px),
-            Some(Hovered::Candidate(slot)) => {
-                let detections = canvas.marks.detections.as_ref();
-                detections
-                    .and_then(|d| d.rejected.get(slot))
-                    .map(|rejected| rejected.place_px)
-            }
-            _ => None,
-        };
-        match place {
-            Some(place) => self.measure(canvas, context, place),
-            None => self.toggle_measure(),
-        }
-    }
-
-    fn dot_keys(
-        &mut self,
-        pressed: &dyn Fn(Key) -> bool,
-        canvas: &Canvas<'_>,
-        context: &ViewContext<'_>,
-        actions: &mut Vec<Action>,
-    ) {
-        let selected = selected_dot(&canvas.marks, self.image, context.selection);
-        let hovered = match canvas.hovered {
-            Some(Hovered::Dot(dot)) => Some(dot),
-            _ => None,
-        };
-        let Some(dot) = hovered.or(selected) else {
-            return;
-        };
-        let image = self.image;
-        if pressed(Key::X) {
-            actions.push(Action::Edit(Edit::Reject { image, dot }));
-        }
-        if pressed(Key::R) {
-            actions.push(Action::Edit(Edit::Restore { image, dot }));
-        }
-        if pressed(Key::Delete) {
-            actions.push(Action::Edit(Edit::Unlabel { image, dot }));
-        }
-        if pressed(Key::L) {
-            self.open_labels(Subject::Dot(dot), canvas, context.network);
-        }
-        let reading = canvas.marks.of(dot).and_then(|mark| mark.reading);
-        let code = reading.and_then(|reading| {
-            Some((
-                reading,
-                canvas.marks.detections.as_ref()?.codes.get(reading)?,
-            ))
-        });
-        if let Some((reading, code)) = code
-            && pressed(Key::N)
-        {
-            let at = canvas.pointer.unwrap_or(canvas.rect.center());
-            self.popup = Some(Popup::Number(NumberPopup::new(
-                reading,
-                at,
-                code.family.code_count(),
-            )));
-        }
-    }
-
-    fn open_labels(&mut self, subject: Subject, canvas: &Canvas<'_>, network: &Network) {
-        let place = match &subject {
-            Subject::Dot(dot) => canvas.marks.of(*dot).map(|mark| mark.dot.centre_px),
-            Subject::New { dot, .. } => Some(dot.centre_px),
-        };
-        let Some(place) = place else {
-            return;
-        };
-        let ranked = rank_labels(network, self.image, place);
-        let on_screen = canvas.transform.point(place);
-        let at = if canvas.rect.contains(on_screen) {
-            on_screen
-        } else {
-            canvas.rect.center()
-        };
-        self.popup = Some(Popup::Label(LabelPopup::new(subject, at, ranked)));
-    }
-
-    /// Measures at a place and asks for the label.
-    fn measure(&mut self, canvas: &Canvas<'_>, context: &ViewContext<'_>, place: Vector2<f64>) {
-        let Some(picture) = &canvas.picture else {
-            return;
-        };
-        let inside = place.x >= 0.0
-            && place.y >= 0.0
-            && place.x < picture.width() as f64
-            && place.y < picture.height() as f64;
-        // A dot is added to detections; before them there is nothing to add it to.
-        let Some(detections) = canvas.marks.detections.as_ref().filter(|_| inside) else {
-            return;
-        };
-        let (dot, note): (Dot, String) =
-            match measure_at(picture, place, &MeasureAtSettings::default()) {
-                Ok(dot) => {
-                    let note = format!(
-                        "Measured: sigma {}",
-                        crate::ui::format::sigma(dot.sigma_px, "px")
-                    );
-                    (dot, note)
-                }
-                Err(reason) => {
-                    let dot = centre_by_hand(picture, place, &detections.dots);
-                    let note = format!(
-                        "Not measurable: {reason}. Set by hand, sigma {:.1} px",
-                        dot.sigma_px
-                    );
-                    (dot, note)
-                }
-            };
-        self.tool = Tool::Look;
-        // A dot that is there already is named, not added a second time.
-        let known = canvas
-            .marks
-            .dots
-            .iter()
-            .find(|mark| (mark.dot.centre_px - dot.centre_px).norm() < 1.0);
-        let subject = known.map_or(Subject::New { dot, note }, |mark| Subject::Dot(mark.index));
-        self.open_labels(subject, canvas, context.network);
-    }
-
-    fn clicks(
-        &mut self,
-        canvas: &Canvas<'_>,
-        context: &ViewContext<'_>,
-        actions: &mut Vec<Action>,
-    ) {
-        let response = &canvas.response;
-        if response.double_clicked() && canvas.hovered.is_none() {
-            self.sight = Sight::Fit;
-            return;
-        }
-        let Some(at) = response
-            .interact_pointer_pos()
-            .filter(|_| response.clicked())
-        else {
-            return;
-        };
-        if self.tool == Tool::Measure {
-            self.measure(canvas, context, canvas.transform.pixel(at));
-            return;
-        }
-        self.popup = None;
-        let image = Some(self.image);
-        let selection = match hover::hovered(&canvas.marks, &canvas.transform, self.overlays, at) {
-            Some(Hovered::Dot(dot)) => {
-                let point = canvas.marks.of(dot).and_then(|mark| mark.point);
-                Selection {
-                    point,
-                    image,
-                    dot: Some((self.image, dot)),
-                }
-            }
-            Some(Hovered::Missed(missed)) => Selection {
-                point: Some(missed.point),
-                image,
-                dot: None,
-            },
-            Some(Hovered::Candidate(_)) | None => Selection {
-                point: None,
-                image,
-                dot: None,
-            },
-        };
-        actions.push(Action::Select(selection));
-    }
-
-    fn draw(&mut self, ui: &Ui, canvas: &Canvas<'_>, context: &ViewContext<'_>) {
-        let painter = ui.painter_at(canvas.rect);
-        // The surroundings of a dark picture are dark in both themes: the eye judges grey against them.
-        painter.rect_filled(canvas.rect, 0.0, Color32::from_gray(24));
-        self.paint_picture(&painter, canvas, canvas.rect, canvas.transform, self.view);
-        self.epipolar.update(context, self.image, &canvas.marks);
-        self.overlay(&painter, canvas, context, canvas.rect, canvas.transform);
-        if self.loupe == Loupe::Open
-            && let Some(pointer) = canvas.pointer
-        {
-            self.draw_loupe(ui, canvas, context, pointer);
-        }
-    }
-
-    fn paint_picture(
-        &self,
-        painter: &egui::Painter,
-        canvas: &Canvas<'_>,
-        rect: Rect,
-        transform: ScreenFromImage,
-        view: u64,
-    ) {
-        if let (Some(picture), Some(window)) = (&canvas.picture, self.window) {
-            let callback = PictureCallback {
-                view,
-                image: self.image,
-                picture: Arc::clone(picture),
-                transform,
-                rect,
-                window,
-                context: painter.ctx().clone(),
-            };
-            painter.add(egui_wgpu::Callback::new_paint_callback(rect, callback));
-        }
-    }
-
-    fn overlay(
-        &self,
-        painter: &egui::Painter,
-        canvas: &Canvas<'_>,
-        context: &ViewContext<'_>,
-        rect: Rect,
-        transform: ScreenFromImage,
-    ) {
-        let easel = Easel {
-            painter,
-            rect,
-            transform,
-            overlays: self.overlays,
-            exaggeration: self.exaggeration,
-        };
-        easel.epipolar(&self.epipolar.lines);
-        easel.draw(&canvas.marks);
-        let marks = &canvas.marks;
-        if let Some(mark) =
-            selected_dot(marks, self.image, context.selection).and_then(|dot| marks.of(dot))
-        {
-            easel.selected(mark.dot.centre_px, mark.dot.major_px);
-        } else if let Some(missed) = context
-            .selection
-            .point
-            .and_then(|point| marks.missed.iter().find(|m| m.point == point))
-        {
-            easel.selected(missed.place_px, 6.0);
-        }
-        if let Some(Popup::Label(LabelPopup {
-            subject: Subject::New { dot, .. },
-            ..
-        })) = &self.popup
-        {
-            easel.outline(dot, Stroke::new(2.0, crate::ui::theme::SELECTED));
-        }
-    }
-
-    fn draw_loupe(&self, ui: &Ui, canvas: &Canvas<'_>, context: &ViewContext<'_>, pointer: Pos2) {
-        let side = LOUPE_SIDE
-            .min(0.6 * canvas.rect.width())
-            .min(0.6 * canvas.rect.height());
-        let margin = vec2(8.0, 8.0);
-        let mut rect = Rect::from_min_max(
-            canvas.rect.max - margin - vec2(side, side),
-            canvas.rect.max - margin,
-        );
-        if rect.expand(20.0).contains(pointer) {
-            rect = Rect::from_min_size(canvas.rect.min + margin, vec2(side, side));
-        }
-        let painter = ui.painter_at(rect);
-        let transform =
-            ScreenFromImage::centred(rect, canvas.transform.pixel(pointer), LOUPE_SCALE);
-        painter.rect_filled(rect, 0.0, Color32::from_gray(24));
-        self.paint_picture(&painter, canvas, rect, transform, self.view.wrapping_add(1));
-        self.overlay(&painter, canvas, context, rect, transform);
-        let line = Stroke::new(1.0, Color32::from_white_alpha(120));
-        let centre = rect.center();
-        painter.line_segment([centre - vec2(6.0, 0.0), centre + vec2(6.0, 0.0)], line);
-        painter.line_segment([centre - vec2(0.0, 6.0), centre + vec2(0.0, 6.0)], line);
-        painter.rect_stroke(
-            rect,
-            0.0,
-            Stroke::new(1.0, Color32::from_gray(140)),
-            egui::StrokeKind::Inside,
-        );
-    }
-
-    fn tooltip(&self, canvas: &Canvas<'_>, context: &ViewContext<'_>) {
-        let Some(hovered) = canvas
-            .hovered
-            .filter(|_| self.popup.is_none() && !canvas.response.dragged())
-        else {
-            return;
-        };
-        let marks = &canvas.marks;
-        canvas
-            .response
-            .clone()
-            .on_hover_ui_at_pointer(|ui| match hovered {
-                Hovered::Dot(dot) => {
-                    if let Some(mark) = marks.of(dot) {
-                        hover::dot_tooltip(ui, mark);
-                    }
-                }
-                Hovered::Missed(missed) => hover::missed_tooltip(ui, &missed, context.network),
-                Hovered::Candidate(slot) => {
-                    if let Some(rejected) =
-                        marks.detections.as_ref().and_then(|d| d.rejected.get(slot))
-                    {
-                        hover::candidate_tooltip(ui, rejected);
-                    }
-                }
-            });
-    }
-
-    fn popups(
-        &mut self,
-        ui: &Ui,
-        canvas: &Canvas<'_>,
-        context: &ViewContext<'_>,
-        actions: &mut Vec<Action>,
-    ) {
-        let id = canvas.response.id.with("popup");
-        let image = self.image;
-        match &mut self.popup {
-            Some(Popup::Label(popup)) => {
-                let Some(choice) = popup.ui(ui.ctx(), id, context.network) else {
-                    return;
-                };
-                let subject = popup.subject.clone();
-                actions.extend(edit_of(image, subject, &choice).map(Action::Edit));
-                self.popup = None;
-            }
-            Some(Popup::Number(popup)) => {
-                let Some(entered) = popup.ui(ui.ctx(), id) else {
-                    return;
-                };
-                if let Entered::Number(id) = entered {
-                    let reading = popup.reading;
-                    actions.push(Action::Edit(Edit::Renumber { image, reading, id }));
-                }
-                self.popup = None;
-            }
-            None => {}
-        }
-    }
-}
-
-fn edit_of(image: ImageId, subject: Subject, choice: &Choice) -> Option<Edit> {
-    let point = match choice {
-        Choice::Point(point) => Some(*point),
-        Choice::NoName => None,
-        Choice::Cancel => return None,
-    };
-    match (subject, point) {
-        (Subject::Dot(dot), Some(point)) => Some(Edit::Label { image, dot, point }),
-        (Subject::Dot(_), None) => None,
-        (Subject::New { dot, .. }, point) => Some(Edit::AddDot { image, dot, point }),
-    }
-}
-
-/// The dot of this image that is selected itself, or by its point.
-fn selected_dot(marks: &Marks, image: ImageId, selection: &Selection) -> Option<DotIndex> {
-    match selection.dot {
-        Some((of, dot)) if of == image => Some(dot),
-        _ => selection
-            .point
-            .and_then(|point| marks.of_point(point))
-            .map(|mark| mark.index),
-    }
-}
-
-impl EpipolarCache {
-    fn update(&mut self, context: &ViewContext<'_>, image: ImageId, marks: &Arc<Marks>) {
-        let known = self.of.as_ref().is_some_and(|(selection, of)| {
-            selection == context.selection && Arc::ptr_eq(of, marks)
-        });
-        if !known {
-            let point: Option<PointId> = context.selection.point;
-            self.lines =
-                prediction::epipolar_lines(context.network, image, context.selection.dot, point);
-            self.of = Some((context.selection.clone(), Arc::clone(marks)));
-        }
-    }
-}
-
-fn overlay_menu(ui: &mut Ui, view: &mut ImageView) {
-    let config = egui::containers::menu::MenuConfig::new()
-        .close_behavior(egui::PopupCloseBehavior::CloseOnClickOutside);
-    egui::containers::menu::MenuButton::new("Overlays")
-        .config(config)
-        .ui(ui, |ui| {
-            for overlay in Overlay::ALL {
-                let mut shown = view.overlays.shows(overlay);
-                if ui.checkbox(&mut shown, overlay.name()).changed() {
-                    view.overlays.toggle(overlay);
-                }
-            }
-            ui.separator();
-            ui.add(
-                egui::Slider::new(&mut view.exaggeration, 1.0..=5000.0)
-                    .logarithmic(true)
-                    .text("times the residuals"),
-            );
-            ui.separator();
-            for (class, meaning) in [
-                (DotClass::Used, "used"),
-                (DotClass::Code, "dot of a code"),
-                (DotClass::Doubtful, "no certain label"),
-                (DotClass::Rejected, "rejected"),
-            ] {
-                ui.colored_label(class.colour(), meaning);
-            }
-            ui.colored_label(crate::ui::theme::PREDICTED, "missed, predicted place");
-            ui.colored_label(crate::ui::theme::SELECTED, "selected, epipolar lines");
-        });
-}
-
-fn status_of(canvas: &Canvas<'_>) -> Option<String> {
-    let place = canvas.transform.pixel(canvas.pointer?);
-    let file = &canvas.entry.file;
-    let name = file.path.rsplit('/').next().unwrap_or(&file.path);
-    let inside = place.x >= 0.0
-        && place.y >= 0.0
-        && place.x < f64::from(file.width_px)
-        && place.y < f64::from(file.height_px);
-    let grey = canvas
-        .picture
-        .as_ref()
-        .filter(|_| inside)
-        .and_then(|picture| {
-            let (column, row) = (place.x as usize, place.y as usize);
-            let known = column < picture.width() && row < picture.height();
-            known.then(|| format!("   grey {:.0}", picture.at(column, row)))
-        });
-    let zoom = canvas.transform.scale * f64::from(canvas.response.ctx.pixels_per_point()) * 100.0;
-    Some(format!(
-        "{name}   x {:.2} px   y {:.2} px{}   zoom {zoom:.0} %",
-        place.x,
-        place.y,
-        grey.unwrap_or_default()
-    ))
-}
-
-/// What is missing, and what helps.
-fn hints(ui: &mut Ui, canvas: &Canvas<'_>, state: &PictureState, actions: &mut Vec<Action>) {
-    let mut lines: Vec<String> = Vec::new();
-    match state {
-        PictureState::Ready(_) => {}
-        PictureState::Loading => lines.push("Reading the picture".into()),
-        PictureState::Missing(reason) => {
-            lines.push(format!("The picture cannot be read. {reason}"))
-        }
-    }
-    let detections = canvas.entry.detections.as_ref();
-    if let Some(reason) = &canvas.entry.unreadable {
-        lines.push(format!("Nothing was detected here: {reason}"));
-    } else if detections.is_none() {
-        lines.push("Nothing is detected in this image yet: the stage detect comes first.".into());
-    } else if detections.is_some_and(|d| d.dots.is_empty()) {
-        lines.push("Detection found no targets here. A and a click measures one by hand.".into());
-    }
-    if lines.is_empty() {
-        return;
-    }
-    let area = Rect::from_center_size(
-        canvas.rect.center_top() + vec2(0.0, 50.0),
-        vec2(canvas.rect.width() - 20.0, 80.0),
-    );
-    ui.scope_builder(egui::UiBuilder::new().max_rect(area), |ui| {
-        egui::Frame::popup(ui.style()).show(ui, |ui| {
-            for line in lines {
-                ui.label(line);
-            }
-            if detections.is_none() && ui.button("Detect targets").clicked() {
-                actions.push(Action::Run(RunRequest::Until(Stage::Detect)));
-            }
-        });
-    });
 }

@@ -3,17 +3,19 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
-use egui::{Key, Pos2, vec2};
+use egui::{Key, Modifiers, Pos2, vec2};
 use egui_kittest::{Harness, kittest::Queryable};
 use nalgebra::{Vector2, Vector3};
 
 use super::*;
 use crate::imaging::BitDepth;
 use crate::network::{
-    CameraEntry, CameraId, ImageFile, InteriorSource, Label, Point, Source, Station,
+    CameraEntry, CameraId, ImageFile, InteriorSource, Label, Network, Point, PointId, Source, Station,
 };
+use crate::project::edit::Edit;
 use crate::synthetic::{BoxSettings, RenderSettings, box_experiment, render};
-use crate::targets::{DetectSettings, Detections, Family, detect};
+use crate::targets::{DetectSettings, Detections, DotIndex, Family, detect};
+use crate::ui::action::RunRequest;
 use crate::ui::pictures::{PictureSettings, PictureStore};
 
 const FIRST: ImageId = ImageId(1);
@@ -456,6 +458,7 @@ fn the_wheel_zooms_at_the_pointer() {
         unit: egui::MouseWheelUnit::Point,
         delta: vec2(0.0, 200.0),
         phase: egui::TouchPhase::Move,
+        source: egui::MouseWheelSource::Unknown,
         modifiers: Modifiers::NONE,
     });
     harness.run_steps(20);

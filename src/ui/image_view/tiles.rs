@@ -10,16 +10,12 @@ use eframe::egui_wgpu::{CallbackResources, CallbackTrait, RenderState, ScreenDes
 use egui::{PaintCallbackInfo, Rect};
 use nalgebra::Vector2;
 
+use super::levels::{APRON, Level, SIDE, STEP};
 use super::transform::ScreenFromImage;
+use super::window::GreyWindow;
 use crate::imaging::{BitDepth, GreyImage};
 use crate::network::ImageId;
 
-/// Side of a tile's texture, px.
-const SIDE: usize = 512;
-/// Pixels of the neighbours round a tile, so that filtering sees no seam down to the second mip level.
-const APRON: usize = 2;
-/// Pixels from one tile to the next.
-const STEP: usize = SIDE - 2 * APRON;
 /// Mip levels of a tile: 512 px down to 16.
 const LEVELS: u32 = 6;
 /// Tiles that one view uploads in one frame: some 2 ms.
@@ -34,54 +30,6 @@ const NEAREST_ABOVE: f64 = 4.0;
 pub fn install(render_state: &RenderState) {
     let gpu = Gpu::new(&render_state.device, render_state.target_format);
     render_state.renderer.write().callback_resources.insert(gpu);
-}
-
-/// Grey values shown black and white.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct GreyWindow {
-    /// This grey value and darker ones are black.
-    pub black: f64,
-    /// This grey value and lighter ones are white.
-    pub white: f64,
-}
-
-impl GreyWindow {
-    /// The window that shows nearly all grey values of a picture.
-    #[must_use]
-    pub fn of_picture(picture: &GreyImage) -> Self {
-        /// So many samples tell it well enough.
-        const SAMPLES: usize = 20_000;
-        let stride = (picture.samples().len() / SAMPLES).max(1) | 1;
-        let mut greys: Vec<u16> = picture.samples().iter().copied().step_by(stride).collect();
-        greys.sort_unstable();
-        if greys.is_empty() {
-            return Self {
-                black: 0.0,
-                white: 255.0,
-            };
-        }
-        let at = |share: f64| f64::from(greys[((greys.len() - 1) as f64 * share) as usize]);
-        // Targets are few: the lightest samples are theirs, not outliers. The floor opens pictures of nothing but dark.
-        let least_width = f64::from(picture.depth().white()) / 4.0;
-        let black = at(0.005);
-        Self {
-            black,
-            white: at(0.9995).max(black + least_width),
-        }
-    }
-
-    /// Dragged by `drag` points: across changes the width, down the middle.
-    #[must_use]
-    pub fn dragged(self, drag: egui::Vec2, white: f64) -> Self {
-        let width = (self.white - self.black) * f64::from(-drag.x / 200.0).exp();
-        let width = width.clamp(white / 500.0, white * 2.0);
-        let middle = 0.5 * (self.white + self.black) + f64::from(drag.y) / 400.0 * width;
-        let middle = middle.clamp(0.0, white);
-        Self {
-            black: middle - 0.5 * width,
-            white: middle + 0.5 * width,
-        }
-    }
 }
 
 /// One picture drawn in one rectangle.
@@ -530,92 +478,6 @@ struct Upload<'a> {
     layout: &'a wgpu::BindGroupLayout,
 }
 
-/// One mip level: a square or rectangle of grey values.
-struct Level {
-    width: usize,
-    height: usize,
-    grey: Vec<u16>,
-}
-
-impl Level {
-    /// A tile with its apron; beyond the picture its border goes on.
-    fn of_tile(picture: &GreyImage, [column, row]: [usize; 2]) -> Self {
-        let source = |tile: usize, offset: usize, side: usize| {
-            (tile * STEP + offset)
-                .saturating_sub(APRON)
-                .min(side.saturating_sub(1))
-        };
-        let mut grey = Vec::with_capacity(SIDE * SIDE);
-        let first = (column * STEP).saturating_sub(APRON);
-        for y in 0..SIDE {
-            let samples = picture.row(source(row, y, picture.height()));
-            let begins = grey.len();
-            if column == 0 {
-                grey.extend([samples[0]; APRON]);
-            }
-            let missing = SIDE - (grey.len() - begins);
-            let run = &samples[first..(first + missing).min(samples.len())];
-            grey.extend_from_slice(run);
-            let last = samples[samples.len() - 1];
-            grey.resize(begins + SIDE, last);
-        }
-        Self {
-            width: SIDE,
-            height: SIDE,
-            grey,
-        }
-    }
-
-    /// Every so many pixels of the whole picture.
-    fn overview(picture: &GreyImage) -> Self {
-        let longer = picture.width().max(picture.height()).max(1);
-        let side = |length: usize| (length * SIDE / longer.max(SIDE)).max(1);
-        let (width, height) = (side(picture.width()), side(picture.height()));
-        let grey = (0..height)
-            .flat_map(|y| {
-                let row = picture.row((2 * y + 1) * picture.height() / (2 * height));
-                (0..width).map(move |x| row[(2 * x + 1) * row.len() / (2 * width)])
-            })
-            .collect();
-        Self {
-            width,
-            height,
-            grey,
-        }
-    }
-
-    /// Half as wide and high, by means of four.
-    fn halved(&self) -> Self {
-        let (width, height) = ((self.width / 2).max(1), (self.height / 2).max(1));
-        let mut grey = Vec::with_capacity(width * height);
-        for row in 0..height {
-            let upper = &self.grey[2 * row * self.width..][..self.width];
-            let lower = &self.grey[(2 * row + 1) * self.width..][..self.width];
-            let pairs = upper.chunks_exact(2).zip(lower.chunks_exact(2));
-            grey.extend(pairs.map(|(u, l)| {
-                let sum: u32 = u.iter().chain(l).map(|&grey| u32::from(grey)).sum();
-                ((sum + 2) / 4) as u16
-            }));
-        }
-        Self {
-            width,
-            height,
-            grey,
-        }
-    }
-
-    fn bytes(&self, depth: BitDepth) -> Vec<u8> {
-        match depth {
-            BitDepth::Eight => self.grey.iter().map(|&grey| grey.min(255) as u8).collect(),
-            BitDepth::Sixteen => self
-                .grey
-                .iter()
-                .flat_map(|grey| grey.to_be_bytes())
-                .collect(),
-        }
-    }
-}
-
 impl Upload<'_> {
     fn tile(&self, picture: &GreyImage, place: [usize; 2]) -> wgpu::BindGroup {
         let mut levels = vec![Level::of_tile(picture, place)];
@@ -699,30 +561,6 @@ mod tests {
     }
 
     #[test]
-    fn tiles_overlap_and_go_on_beyond_the_border() {
-        let picture = picture(700, 300);
-        let (first, second) = (
-            Level::of_tile(&picture, [0, 0]),
-            Level::of_tile(&picture, [1, 0]),
-        );
-        let at = |level: &Level, x: usize, y: usize| f32::from(level.grey[y * SIDE + x]);
-        assert_eq!(at(&first, 0, 0), picture.at(0, 0));
-        assert_eq!(at(&first, APRON + 17, APRON + 5), picture.at(17, 5));
-        assert_eq!(at(&second, 0, APRON + 5), picture.at(STEP - APRON, 5));
-        assert_eq!(at(&second, SIDE - 1, SIDE - 1), picture.at(699, 299));
-    }
-
-    #[test]
-    fn a_mip_level_keeps_the_mean() {
-        let level = Level {
-            width: 4,
-            height: 2,
-            grey: vec![0, 10, 20, 30, 2, 12, 22, 32],
-        };
-        assert_eq!(level.halved().grey, [6, 26]);
-    }
-
-    #[test]
     fn only_tiles_in_sight_are_drawn() {
         let callback = |scale: f64| PictureCallback {
             view: 1,
@@ -741,15 +579,5 @@ mod tests {
         };
         assert_eq!(callback(1.0).visible_tiles(), [[0, 0], [1, 0]]);
         assert_eq!(callback(0.1).visible_tiles().len(), 12);
-    }
-
-    #[test]
-    fn a_drag_to_the_right_narrows_the_window() {
-        let before = GreyWindow {
-            black: 0.0,
-            white: 200.0,
-        };
-        let after = before.dragged(egui::vec2(100.0, 0.0), 255.0);
-        assert!(after.white - after.black < 130.0 && after.black > 0.0);
     }
 }
