@@ -10,7 +10,8 @@ use nalgebra::{Vector2, Vector3};
 use super::*;
 use crate::imaging::BitDepth;
 use crate::network::{
-    CameraEntry, CameraId, ImageFile, InteriorSource, Label, Network, Point, PointId, Source, Station,
+    CameraEntry, CameraId, ImageFile, InteriorSource, Label, Network, Point, PointId, Source,
+    Station,
 };
 use crate::project::edit::Edit;
 use crate::synthetic::{BoxSettings, RenderSettings, box_experiment, render};
@@ -92,11 +93,19 @@ fn scene() -> &'static Scene {
                 covariance: None,
                 rays: 3,
             };
-            Some((label.parse::<PointId>().ok()?, Arc::new(point)))
+            Some((point_of(label)?, Arc::new(point)))
         });
         network.points = Arc::new(points.collect());
         Scene { network, pictures }
     })
+}
+
+/// The scene calls its plain targets T1, T2, ..
+fn point_of(label: &str) -> Option<PointId> {
+    match label.strip_prefix('T') {
+        Some(number) => number.parse().ok().map(PointId::Target),
+        None => label.parse().ok(),
+    }
 }
 
 fn labels(found: &Detections, truth: &[crate::synthetic::TruthDot]) -> BTreeMap<DotIndex, Label> {
@@ -107,7 +116,7 @@ fn labels(found: &Detections, truth: &[crate::synthetic::TruthDot]) -> BTreeMap<
                 && t.centre_of_image_px
                     .is_some_and(|place| (place - dot.centre_px).norm() < 0.5)
         });
-        if let Some(point) = same.and_then(|t| t.label.parse().ok()) {
+        if let Some(point) = same.and_then(|t| point_of(&t.label)) {
             labels.insert(
                 DotIndex(slot),
                 Label {
@@ -466,4 +475,45 @@ fn the_wheel_zooms_at_the_pointer() {
     let transform = harness.state().view.sight.transform(rect, [1024, 683]);
     assert!(transform.scale > 1.5 * Sight::Fit.transform(rect, [1024, 683]).scale);
     assert!((transform.pixel(at) - Vector2::new(300.0, 200.0)).norm() < 0.1);
+}
+
+struct App(Stage);
+
+impl eframe::App for App {
+    fn ui(&mut self, ui: &mut egui::Ui, _frame: &mut eframe::Frame) {
+        self.0.pictures.poll();
+        show(ui, &mut self.0);
+    }
+}
+
+#[test]
+fn the_picture_is_drawn_under_its_marks() {
+    let (_, point, place) = a_plain_dot(&scene().network);
+    let mut harness = Harness::builder()
+        .with_size(vec2(1100.0, 800.0))
+        .wgpu()
+        .build_eframe(|cc| {
+            install(cc.wgpu_render_state.as_ref().expect("wgpu draws"));
+            let mut stage = stage(scene().network.clone());
+            stage.selection.point = Some(point);
+            stage.view.loupe = Loupe::Open;
+            stage.view.look_at(place, 6.0);
+            App(stage)
+        });
+    harness.run_steps(3);
+    let rect = harness.get_by_label("image view").rect();
+    harness.hover_at(rect.center() + vec2(3.0, 3.0));
+    harness.run_steps(8);
+    let drawn = harness.render().expect("a picture of the window");
+    if let Some(file) = option_env!("TIEPOINT_SHOT") {
+        drawn.save(file).expect("a picture file");
+    }
+    let grey = |offset: egui::Vec2| {
+        let at = rect.center() + offset;
+        drawn.get_pixel(at.x as u32, at.y as u32).0
+    };
+    // Inside the dot, beside the cross of its centre, and outside it.
+    let inside = grey(vec2(6.0, 6.0));
+    assert!(inside[0] > 150 && inside[0] == inside[2], "{inside:?}");
+    assert!(grey(vec2(-120.0, 90.0))[0] < 120);
 }

@@ -116,8 +116,8 @@ impl Sight {
         let before = self.transform(rect, size);
         let scale = (before.scale * factor).clamp(*SCALES.start(), *SCALES.end());
         let fixed = before.pixel(about);
-        let from_middle = about - rect.center();
-        let offset = Vector2::new(f64::from(from_middle.x), f64::from(from_middle.y)) / scale;
+        let of = |point: Pos2| Vector2::new(f64::from(point.x), f64::from(point.y));
+        let offset = (of(about) - of(rect.center())) / scale;
         Sight::At {
             centre: fixed - offset,
             scale,
