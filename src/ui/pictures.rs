@@ -423,8 +423,10 @@ mod tests {
         let folder = folder("looking");
         write(&folder, "a.pgm", 7);
         let (wake, woken) = channel();
-        let mut store =
-            PictureStore::new(PictureSettings::default(), move || drop(wake.send(()))).unwrap();
+        let mut store = PictureStore::new(PictureSettings::default(), move || {
+            wake.send(()).unwrap_or(())
+        })
+        .unwrap();
         store.set_folder(&folder);
         let (a, b) = (entry("a.pgm"), entry("b.pgm"));
         for _ in 0..2 {

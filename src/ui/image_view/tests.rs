@@ -242,13 +242,8 @@ fn a_click_on_a_dot_selects_it_with_its_point() {
     let (dot, point, place) = a_plain_dot(&scene().network);
     let mut harness = harness(scene().network.clone());
     let at = on_screen(&harness, place);
-    click(&mut harness, at);
-    let expected = Selection {
-        point: Some(point),
-        image: Some(FIRST),
-        dot: Some((FIRST, dot)),
-    };
-    assert_eq!(harness.state().actions, [Action::Select(expected)]);
+    harness.hover_at(at);
+    harness.step();
     let status = harness
         .state()
         .view
@@ -258,6 +253,13 @@ fn a_click_on_a_dot_selects_it_with_its_point() {
         status.contains("img_001.png") && status.contains("grey"),
         "{status}"
     );
+    click(&mut harness, at);
+    let expected = Selection {
+        point: Some(point),
+        image: Some(FIRST),
+        dot: Some((FIRST, dot)),
+    };
+    assert_eq!(harness.state().actions, [Action::Select(expected)]);
 }
 
 #[test]

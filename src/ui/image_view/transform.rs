@@ -85,7 +85,7 @@ impl ScreenFromImage {
 
 /// What the operator looks at: independent of the panel's size.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Sight {
+pub(super) enum Sight {
     /// The whole picture.
     Fit,
     /// A place in the middle of the panel.
@@ -100,7 +100,7 @@ pub enum Sight {
 impl Sight {
     /// The transform for a panel and a picture of `size` columns and rows.
     #[must_use]
-    pub fn transform(&self, rect: Rect, size: [u32; 2]) -> ScreenFromImage {
+    pub(super) fn transform(&self, rect: Rect, size: [u32; 2]) -> ScreenFromImage {
         match *self {
             Sight::Fit => {
                 let middle = Vector2::new(f64::from(size[0]), f64::from(size[1])) / 2.0;
@@ -112,7 +112,7 @@ impl Sight {
 
     /// Magnified by a factor; the place under `about` stays where it is.
     #[must_use]
-    pub fn zoomed(&self, rect: Rect, size: [u32; 2], about: Pos2, factor: f64) -> Self {
+    pub(super) fn zoomed(&self, rect: Rect, size: [u32; 2], about: Pos2, factor: f64) -> Self {
         let before = self.transform(rect, size);
         let scale = (before.scale * factor).clamp(*SCALES.start(), *SCALES.end());
         let fixed = before.pixel(about);
@@ -126,7 +126,7 @@ impl Sight {
 
     /// Moved by a drag on the screen.
     #[must_use]
-    pub fn moved(&self, rect: Rect, size: [u32; 2], drag: Vec2) -> Self {
+    pub(super) fn moved(&self, rect: Rect, size: [u32; 2], drag: Vec2) -> Self {
         let before = self.transform(rect, size);
         Sight::At {
             centre: before.pixel(rect.center() - drag),

@@ -27,12 +27,12 @@ impl GreyWindow {
             };
         }
         let at = |share: f64| f64::from(greys[((greys.len() - 1) as f64 * share) as usize]);
-        // Targets are few: the lightest samples are theirs, not outliers. The floor opens pictures of nothing but dark.
+        // Targets are few: the lightest samples are theirs, and their profiles must not be cut off. The floor opens pictures of nothing but dark.
         let least_width = f64::from(picture.depth().white()) / 4.0;
         let black = at(0.005);
         Self {
             black,
-            white: at(0.9995).max(black + least_width),
+            white: at(1.0).max(black + least_width),
         }
     }
 
