@@ -7,4 +7,6 @@
 pub mod action;
 pub mod context;
 pub mod format;
+pub mod image_view;
+pub mod pictures;
 pub mod theme;

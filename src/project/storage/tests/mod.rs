@@ -167,6 +167,7 @@ fn image(id: u32, next: &mut impl FnMut() -> f64) -> ImageEntry {
         background: next(),
     });
     let detections = Detections {
+        by_hand: Vec::new(),
         width_px: 4000,
         height_px: 3000,
         dots: dots.collect(),
