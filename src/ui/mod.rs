@@ -7,4 +7,5 @@
 pub mod action;
 pub mod context;
 pub mod format;
+pub mod network_view;
 pub mod theme;

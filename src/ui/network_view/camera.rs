@@ -65,9 +65,7 @@ impl StandardView {
             Self::Top => DQuat::IDENTITY,
             Self::Front => upright,
             Self::Side => DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2) * upright,
-            Self::Oblique => {
-                DQuat::from_rotation_z(0.5) * upright * DQuat::from_rotation_x(-0.5)
-            }
+            Self::Oblique => DQuat::from_rotation_z(0.5) * upright * DQuat::from_rotation_x(-0.5),
         }
     }
 }
@@ -126,7 +124,10 @@ impl Projector {
         }
         let slope = DVec2::new(from_eye.dot(self.right), -from_eye.dot(self.up)) / depth;
         let position = self.centre + slope * self.scale;
-        Some(Projected { position: Pos2::new(position.x as f32, position.y as f32), depth })
+        Some(Projected {
+            position: Pos2::new(position.x as f32, position.y as f32),
+            depth,
+        })
     }
 
     /// The place of the world, mm, that is seen at a screen point at this depth, mm.
@@ -180,7 +181,8 @@ impl OrbitCamera {
         ]);
         let view_from_world = self.world_from_view.inverse();
         let eye = self.target - origin + self.towards() * self.distance;
-        let view_from_scene = DMat4::from_rotation_translation(view_from_world, view_from_world * -eye);
+        let view_from_scene =
+            DMat4::from_rotation_translation(view_from_world, view_from_world * -eye);
         (clip_from_view * view_from_scene).as_mat4()
     }
 
@@ -193,7 +195,11 @@ impl OrbitCamera {
     /// Turns the scene with the pointer, round the target: sideways about the world's z, up and down about the view's x.
     pub fn orbit(&mut self, drag: Vec2) {
         // Upside down, a drag to the right would turn the near side to the left.
-        let sign = if (self.world_from_view * DVec3::Y).z < 0.0 { -1.0 } else { 1.0 };
+        let sign = if (self.world_from_view * DVec3::Y).z < 0.0 {
+            -1.0
+        } else {
+            1.0
+        };
         let about_z = DQuat::from_rotation_z(-sign * f64::from(drag.x) * TURN_PER_POINT);
         let about_x = DQuat::from_rotation_x(-f64::from(drag.y) * TURN_PER_POINT);
         self.world_from_view = (about_z * self.world_from_view * about_x).normalize();
@@ -231,11 +237,17 @@ impl OrbitCamera {
     /// none.
     pub fn fit(&mut self, places: impl Iterator<Item = DVec3> + Clone, canvas: Rect) {
         let view_from_world = self.world_from_view.inverse();
-        let in_view = places.filter(|place| place.is_finite()).map(|place| view_from_world * place);
-        let Some((low, high)) = in_view.clone().fold(None, |bounds: Option<(DVec3, DVec3)>, place| {
-            let (low, high) = bounds.unwrap_or((place, place));
-            Some((low.min(place), high.max(place)))
-        }) else {
+        let in_view = places
+            .filter(|place| place.is_finite())
+            .map(|place| view_from_world * place);
+        let Some((low, high)) =
+            in_view
+                .clone()
+                .fold(None, |bounds: Option<(DVec3, DVec3)>, place| {
+                    let (low, high) = bounds.unwrap_or((place, place));
+                    Some((low.min(place), high.max(place)))
+                })
+        else {
             return;
         };
         let centre = (low + high) / 2.0;
@@ -246,7 +258,9 @@ impl OrbitCamera {
             let from_centre = place - centre;
             let sideways = (from_centre.x.abs() / slope_x).max(from_centre.y.abs() / slope_y);
             // A place straight ahead must not touch the eye.
-            needed.max(sideways + from_centre.z).max(1.2 * from_centre.z)
+            needed
+                .max(sideways + from_centre.z)
+                .max(1.2 * from_centre.z)
         });
         self.target = self.world_from_view * centre;
         // A single place has no size: show 100 mm round it.
@@ -264,13 +278,21 @@ mod tests {
     }
 
     fn any_camera() -> impl Strategy<Value = OrbitCamera> {
-        (prop::array::uniform3(-1e4..1e4), 10.0..1e4, -800.0f32..800.0, -300.0f32..300.0).prop_map(
-            |(target, distance, x, y)| {
-                let mut camera = OrbitCamera { target: DVec3::from(target), distance, ..Default::default() };
+        (
+            prop::array::uniform3(-1e4..1e4),
+            10.0..1e4,
+            -800.0f32..800.0,
+            -300.0f32..300.0,
+        )
+            .prop_map(|(target, distance, x, y)| {
+                let mut camera = OrbitCamera {
+                    target: DVec3::from(target),
+                    distance,
+                    ..Default::default()
+                };
                 camera.orbit(Vec2::new(x, y));
                 camera
-            },
-        )
+            })
     }
 
     /// Screen points are `f32`: at 1000 they hold four digits behind the point.
@@ -339,15 +361,26 @@ mod tests {
         let seen = |view, axis: DVec3| {
             let mut camera = OrbitCamera::default();
             camera.turn_to(view);
-            camera.projector(canvas()).project(axis * 100.0).unwrap().position - canvas().center()
+            camera
+                .projector(canvas())
+                .project(axis * 100.0)
+                .unwrap()
+                .position
+                - canvas().center()
         };
         for (view, right, up) in [
             (StandardView::Top, DVec3::X, DVec3::Y),
             (StandardView::Front, DVec3::X, DVec3::Z),
             (StandardView::Side, DVec3::Y, DVec3::Z),
         ] {
-            assert!(seen(view, right).x > 10.0 && seen(view, right).y.abs() < 0.1, "{view:?}");
-            assert!(seen(view, up).y < -10.0 && seen(view, up).x.abs() < 0.1, "{view:?}");
+            assert!(
+                seen(view, right).x > 10.0 && seen(view, right).y.abs() < 0.1,
+                "{view:?}"
+            );
+            assert!(
+                seen(view, up).y < -10.0 && seen(view, up).x.abs() < 0.1,
+                "{view:?}"
+            );
         }
         assert!(seen(StandardView::Oblique, DVec3::Z).y < -10.0);
     }

@@ -23,7 +23,11 @@ const VIRIDIS: [[f64; 3]; 9] = [
 /// The colour of a part from 0 to 1; beyond, the ends.
 #[must_use]
 pub(super) fn viridis(part: f64) -> Color32 {
-    let part = if part.is_finite() { part.clamp(0.0, 1.0) } else { 0.0 };
+    let part = if part.is_finite() {
+        part.clamp(0.0, 1.0)
+    } else {
+        0.0
+    };
     let place = part * (VIRIDIS.len() - 1) as f64;
     let below = (place.floor() as usize).min(VIRIDIS.len() - 2);
     let along = place - below as f64;
@@ -108,13 +112,20 @@ impl ColourScale {
         values.sort_by(f64::total_cmp);
         let last = values.len().checked_sub(1)?;
         let clipped = (last as f64 * CLIPPED_PART).floor() as usize;
-        Some(Self { low: values[clipped], high: values[last - clipped] })
+        Some(Self {
+            low: values[clipped],
+            high: values[last - clipped],
+        })
     }
 
     /// The colour of a value.
     pub(super) fn colour(&self, value: f64) -> Color32 {
         let width = self.high - self.low;
-        viridis(if width > 0.0 { (value - self.low) / width } else { 0.5 })
+        viridis(if width > 0.0 {
+            (value - self.low) / width
+        } else {
+            0.5
+        })
     }
 }
 
@@ -123,7 +134,9 @@ impl ColourScale {
 pub(super) fn shown_number(colouring: Colouring, point: &Point) -> Option<f64> {
     match colouring {
         Colouring::Kind => None,
-        Colouring::Precision => point.covariance.map(|covariance| (covariance.trace() / 3.0).sqrt()),
+        Colouring::Precision => point
+            .covariance
+            .map(|covariance| (covariance.trace() / 3.0).sqrt()),
         Colouring::Rays => Some(f64::from(point.rays)),
     }
 }

@@ -70,7 +70,9 @@ impl Highlight {
             });
             if options.rays.is_shown() {
                 for ray in rays(network, point.id) {
-                    let Some(station) = scene.station(ray.image) else { continue };
+                    let Some(station) = scene.station(ray.image) else {
+                        continue;
+                    };
                     let colour = match ray.standing {
                         Standing::Used => {
                             highlight.used_rays += 1;
@@ -83,7 +85,11 @@ impl Highlight {
                     };
                     layer.lines.push(LineInstance {
                         from: position,
-                        width: if selection.image == Some(ray.image) { 3.0 } else { 1.3 },
+                        width: if selection.image == Some(ray.image) {
+                            3.0
+                        } else {
+                            1.3
+                        },
                         to: scene.relative(station.centre),
                         birth: ALWAYS,
                         colour: faint(colour, RAY_OPACITY),
@@ -110,10 +116,20 @@ struct Ray {
 }
 
 fn rays(network: &Network, point: PointId) -> impl Iterator<Item = Ray> + '_ {
-    network.oriented_images().flat_map(move |(image, entry, _)| {
-        entry.labels.values().filter(move |label| label.point == point).map(move |label| Ray {
-            image,
-            standing: if label.rejected.is_none() { Standing::Used } else { Standing::Rejected },
+    network
+        .oriented_images()
+        .flat_map(move |(image, entry, _)| {
+            entry
+                .labels
+                .values()
+                .filter(move |label| label.point == point)
+                .map(move |label| Ray {
+                    image,
+                    standing: if label.rejected.is_none() {
+                        Standing::Used
+                    } else {
+                        Standing::Rejected
+                    },
+                })
         })
-    })
 }

@@ -84,9 +84,11 @@ impl Sphere {
         let around = 2 * (rings + 1);
         let mut corners = vec![[0.0, 0.0, 1.0]];
         for ring in 1..=rings {
-            let (sine, cosine) = (std::f32::consts::PI * f32::from(ring) / f32::from(rings + 1)).sin_cos();
+            let (sine, cosine) =
+                (std::f32::consts::PI * f32::from(ring) / f32::from(rings + 1)).sin_cos();
             corners.extend((0..around).map(|step| {
-                let (y, x) = (std::f32::consts::TAU * f32::from(step) / f32::from(around)).sin_cos();
+                let (y, x) =
+                    (std::f32::consts::TAU * f32::from(step) / f32::from(around)).sin_cos();
                 [sine * x, sine * y, cosine]
             }));
         }

@@ -42,7 +42,10 @@ struct Row {
 
 impl Row {
     fn new(symbol: Symbol, text: impl Into<String>) -> Self {
-        Self { symbol, text: text.into() }
+        Self {
+            symbol,
+            text: text.into(),
+        }
     }
 }
 
@@ -51,7 +54,12 @@ pub(super) fn exaggeration_text(factor: f64) -> String {
     format!("ellipsoids: 1 sigma x {factor}")
 }
 
-fn rows(scene: &Scene, highlight: &Highlight, options: &DisplayOptions, theme: egui::Theme) -> Vec<Row> {
+fn rows(
+    scene: &Scene,
+    highlight: &Highlight,
+    options: &DisplayOptions,
+    theme: egui::Theme,
+) -> Vec<Row> {
     let palette = &scene.palette;
     let mut rows = Vec::new();
     match (options.colouring, scene.scale) {
@@ -60,22 +68,37 @@ fn rows(scene: &Scene, highlight: &Highlight, options: &DisplayOptions, theme: e
             PointKind::Target => Row::new(Symbol::Disc(palette.kind(*kind)), "plain target"),
             PointKind::Cross => Row::new(Symbol::Diamond(palette.kind(*kind)), "reference cross"),
         })),
-        (Colouring::Precision, None) => rows.push(Row::new(Symbol::Nothing, "sigma: not adjusted yet")),
+        (Colouring::Precision, None) => {
+            rows.push(Row::new(Symbol::Nothing, "sigma: not adjusted yet"))
+        }
         (Colouring::Rays, None) => {}
         (colouring, Some(scale)) => {
             let (title, number): (_, fn(f64) -> String) = match colouring {
-                Colouring::Precision => ("mean sigma of x, y, z", |value| format::sigma(value, "mm")),
-                Colouring::Rays | Colouring::Kind => ("rays of a point", |value| format!("{value:.0} rays")),
+                Colouring::Precision => {
+                    ("mean sigma of x, y, z", |value| format::sigma(value, "mm"))
+                }
+                Colouring::Rays | Colouring::Kind => {
+                    ("rays of a point", |value| format!("{value:.0} rays"))
+                }
             };
             rows.push(Row::new(Symbol::Nothing, title));
-            rows.push(Row::new(Symbol::Gradient, format!("{} to {}", number(scale.low), number(scale.high))));
+            rows.push(Row::new(
+                Symbol::Gradient,
+                format!("{} to {}", number(scale.low), number(scale.high)),
+            ));
         }
     }
     if scene.unknown > 0 {
-        rows.push(Row::new(Symbol::Disc(palette.neutral), format!("not known: {} points", scene.unknown)));
+        rows.push(Row::new(
+            Symbol::Disc(palette.neutral),
+            format!("not known: {} points", scene.unknown),
+        ));
     }
     if scene.control > 0 {
-        rows.push(Row::new(Symbol::Triangle(palette.text), "known coordinates"));
+        rows.push(Row::new(
+            Symbol::Triangle(palette.text),
+            "known coordinates",
+        ));
     }
     if let Some(factor) = scene.exaggeration {
         rows.push(Row::new(Symbol::Nothing, exaggeration_text(factor)));
@@ -107,7 +130,10 @@ pub(super) fn draw(
     theme: egui::Theme,
 ) {
     let rows = rows(scene, highlight, options, theme);
-    let gradients = rows.iter().filter(|row| row.symbol == Symbol::Gradient).count() as f32;
+    let gradients = rows
+        .iter()
+        .filter(|row| row.symbol == Symbol::Gradient)
+        .count() as f32;
     let size = Vec2::new(WIDTH, (rows.len() as f32 + gradients) * ROW + 8.0);
     let rect = Rect::from_min_size(canvas.left_bottom() + Vec2::new(6.0, -6.0 - size.y), size);
     if rows.is_empty() || !canvas.contains_rect(rect) {
@@ -118,17 +144,37 @@ pub(super) fn draw(
     let mut top = rect.min + Vec2::new(6.0, 4.0);
     for (place, row) in rows.iter().enumerate() {
         if row.symbol == Symbol::Gradient {
-            draw_gradient(&painter, Rect::from_min_size(top + Vec2::new(0.0, 3.0), Vec2::new(WIDTH - 12.0, ROW - 5.0)));
+            draw_gradient(
+                &painter,
+                Rect::from_min_size(
+                    top + Vec2::new(0.0, 3.0),
+                    Vec2::new(WIDTH - 12.0, ROW - 5.0),
+                ),
+            );
             top.y += ROW;
         }
         let at = top + Vec2::new(SYMBOL / 2.0 - 2.0, ROW / 2.0);
         draw_symbol(&painter, at, row.symbol);
-        let indent = if matches!(row.symbol, Symbol::Nothing | Symbol::Gradient) { 0.0 } else { SYMBOL };
+        let indent = if matches!(row.symbol, Symbol::Nothing | Symbol::Gradient) {
+            0.0
+        } else {
+            SYMBOL
+        };
         let place_of_text = Pos2::new(top.x + indent, at.y);
-        painter.text(place_of_text, Align2::LEFT_CENTER, &row.text, FontId::proportional(12.0), scene.palette.text);
+        painter.text(
+            place_of_text,
+            Align2::LEFT_CENTER,
+            &row.text,
+            FontId::proportional(12.0),
+            scene.palette.text,
+        );
         let row_rect = Rect::from_min_size(top, Vec2::new(WIDTH - 12.0, ROW));
-        ui.interact(row_rect, ui.id().with(("legend", place)), Sense::hover())
-            .widget_info(|| WidgetInfo::labeled(egui::Role::Label, true, &row.text));
+        ui.interact(
+            row_rect,
+            ui.scope_id().with(("legend", place)),
+            Sense::hover(),
+        )
+        .widget_info(|| WidgetInfo::labeled(egui::Role::Label, true, &row.text));
         top.y += ROW;
     }
 }
@@ -139,12 +185,21 @@ fn draw_symbol(painter: &egui::Painter, at: Pos2, symbol: Symbol) {
             painter.circle_filled(at, 4.0, colour);
         }
         Symbol::Diamond(colour) => {
-            let corners = [(0.0, -5.5), (5.5, 0.0), (0.0, 5.5), (-5.5, 0.0)].map(|(x, y)| at + Vec2::new(x, y));
-            painter.add(egui::Shape::convex_polygon(corners.to_vec(), colour, Stroke::NONE));
+            let corners = [(0.0, -5.5), (5.5, 0.0), (0.0, 5.5), (-5.5, 0.0)]
+                .map(|(x, y)| at + Vec2::new(x, y));
+            painter.add(egui::Shape::convex_polygon(
+                corners.to_vec(),
+                colour,
+                Stroke::NONE,
+            ));
         }
         Symbol::Triangle(colour) => {
             let corners = [(0.0, -5.5), (5.0, 3.0), (-5.0, 3.0)].map(|(x, y)| at + Vec2::new(x, y));
-            painter.add(egui::Shape::convex_polygon(corners.to_vec(), colour, Stroke::NONE));
+            painter.add(egui::Shape::convex_polygon(
+                corners.to_vec(),
+                colour,
+                Stroke::NONE,
+            ));
         }
         Symbol::Line(colour) => {
             let half = Vec2::new(8.0, 0.0);

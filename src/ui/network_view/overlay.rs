@@ -42,7 +42,11 @@ impl Room {
     fn new(canvas: Rect) -> Self {
         let columns = (canvas.width() / CELL.x).ceil() as usize + 1;
         let rows = (canvas.height() / CELL.y).ceil() as usize + 1;
-        Self { canvas, columns, taken: vec![false; columns * rows] }
+        Self {
+            canvas,
+            columns,
+            taken: vec![false; columns * rows],
+        }
     }
 
     /// Takes the room of a text that begins here; false where something stands there already or the canvas ends.
@@ -52,8 +56,11 @@ impl Room {
         }
         let place = (begin - self.canvas.min) / CELL;
         let start = place.y as usize * self.columns + place.x as usize;
-        let cells = ((letters as f32 * LETTER / CELL.x).ceil() as usize).clamp(1, self.columns - place.x as usize);
-        let Some(taken) = self.taken.get_mut(start..start + cells) else { return false };
+        let cells = ((letters as f32 * LETTER / CELL.x).ceil() as usize)
+            .clamp(1, self.columns - place.x as usize);
+        let Some(taken) = self.taken.get_mut(start..start + cells) else {
+            return false;
+        };
         if taken.contains(&true) {
             return false;
         }
@@ -85,7 +92,11 @@ pub(super) fn draw_names(
     if let Some(point) = selected.and_then(|id| scene.point(id))
         && let Some(seen) = projector.project(point.position)
     {
-        write(seen.position + Vec2::new(6.0, -4.0), &network.label(point.id), scene.palette.text);
+        write(
+            seen.position + Vec2::new(6.0, -4.0),
+            &network.label(point.id),
+            scene.palette.text,
+        );
     }
     if options.scale_bars.is_shown() {
         for bar in &scene.bars {
@@ -95,13 +106,23 @@ pub(super) fn draw_names(
         }
     }
     if options.stations.is_shown() && options.station_names.is_shown() {
-        for (position, place) in nearest(canvas, scene.stations.iter().map(|s| projector.project(s.centre))) {
+        for (position, place) in nearest(
+            canvas,
+            scene.stations.iter().map(|s| projector.project(s.centre)),
+        ) {
             write(position, &scene.stations[place].name, scene.palette.station);
         }
     }
     if options.point_names.is_shown() {
-        for (position, place) in nearest(canvas, scene.points.iter().map(|p| projector.project(p.position))) {
-            write(position, &network.label(scene.points[place].id), scene.palette.text);
+        for (position, place) in nearest(
+            canvas,
+            scene.points.iter().map(|p| projector.project(p.position)),
+        ) {
+            write(
+                position,
+                &network.label(scene.points[place].id),
+                scene.palette.text,
+            );
         }
     }
 }
@@ -117,25 +138,46 @@ fn nearest(
         .filter(|(_, position, _)| canvas.contains(*position))
         .collect();
     seen.sort_by(|a, b| a.0.total_cmp(&b.0));
-    seen.into_iter().map(|(_, position, place)| (position, place))
+    seen.into_iter()
+        .map(|(_, position, place)| (position, place))
 }
 
 /// The axes of the network's frame, in the upper right corner.
-pub(super) fn draw_axes(painter: &egui::Painter, canvas: Rect, scene: &Scene, camera: &OrbitCamera) {
+pub(super) fn draw_axes(
+    painter: &egui::Painter,
+    canvas: Rect,
+    scene: &Scene,
+    camera: &OrbitCamera,
+) {
     let at = canvas.right_top() + Vec2::new(-38.0, 38.0);
     let view_from_world = camera.world_from_view.inverse();
-    let mut axes = [("x", DVec3::X), ("y", DVec3::Y), ("z", DVec3::Z)].map(|(name, axis)| (name, view_from_world * axis));
+    let mut axes = [("x", DVec3::X), ("y", DVec3::Y), ("z", DVec3::Z)]
+        .map(|(name, axis)| (name, view_from_world * axis));
     axes.sort_by(|a, b| a.1.z.total_cmp(&b.1.z));
     for (name, axis) in axes {
         let tip = at + Vec2::new(axis.x as f32, -axis.y as f32) * 22.0;
-        let colour = scene.palette.text.gamma_multiply(if axis.z < -0.2 { 0.5 } else { 1.0 });
+        let colour = scene
+            .palette
+            .text
+            .gamma_multiply(if axis.z < -0.2 { 0.5 } else { 1.0 });
         painter.line_segment([at, tip], Stroke::new(1.5, colour));
-        painter.text(at + (tip - at) * 1.35, Align2::CENTER_CENTER, name, font(), colour);
+        painter.text(
+            at + (tip - at) * 1.35,
+            Align2::CENTER_CENTER,
+            name,
+            font(),
+            colour,
+        );
     }
 }
 
 /// A length in the plane of the viewpoint's target, in the lower right corner.
-pub(super) fn draw_length_scale(painter: &egui::Painter, canvas: Rect, scene: &Scene, camera: &OrbitCamera) {
+pub(super) fn draw_length_scale(
+    painter: &egui::Painter,
+    canvas: Rect,
+    scene: &Scene,
+    camera: &OrbitCamera,
+) {
     let mm_per_point = camera.projector(canvas).mm_per_point(camera.distance);
     let length = round_number(f64::from(canvas.width()) * SCALE_PART * mm_per_point);
     let points = (length / mm_per_point) as f32;
@@ -146,11 +188,23 @@ pub(super) fn draw_length_scale(painter: &egui::Painter, canvas: Rect, scene: &S
     painter.line_segment([begin - tick, begin + tick], stroke);
     painter.line_segment([end - tick, end + tick], stroke);
     let text = format!("{length} mm at the centre");
-    painter.text(end - Vec2::new(0.0, 6.0), Align2::RIGHT_BOTTOM, text, font(), scene.palette.text);
+    painter.text(
+        end - Vec2::new(0.0, 6.0),
+        Align2::RIGHT_BOTTOM,
+        text,
+        font(),
+        scene.palette.text,
+    );
 }
 
 /// A few lines on a plate near the pointer, inside the canvas.
-pub(super) fn draw_plate(painter: &egui::Painter, canvas: Rect, scene: &Scene, pointer: Pos2, text: String) {
+pub(super) fn draw_plate(
+    painter: &egui::Painter,
+    canvas: Rect,
+    scene: &Scene,
+    pointer: Pos2,
+    text: String,
+) {
     let galley = painter.layout_no_wrap(text, font(), scene.palette.text);
     let size = galley.size() + Vec2::splat(10.0);
     let most = (canvas.max - size).max(canvas.min);
@@ -171,9 +225,15 @@ pub(super) fn describe(network: &Network, target: Target) -> String {
     match target {
         Target::Point(id) => describe_point(network, id),
         Target::Station(id) => {
-            let Some(entry) = network.images.get(&id) else { return String::new() };
-            let Some(station) = &entry.station else { return entry.file.path.clone() };
-            let sigmas = station.covariance.map(|c| [c[(3, 3)], c[(4, 4)], c[(5, 5)]].map(f64::sqrt));
+            let Some(entry) = network.images.get(&id) else {
+                return String::new();
+            };
+            let Some(station) = &entry.station else {
+                return entry.file.path.clone();
+            };
+            let sigmas = station
+                .covariance
+                .map(|c| [c[(3, 3)], c[(4, 4)], c[(5, 5)]].map(f64::sqrt));
             let used = entry.used_labels().count();
             let place = coordinates(station.pose.centre_in_world.into(), sigmas);
             format!("{}\n{place}\n{used} labelled dots used", entry.file.path)
@@ -182,17 +242,32 @@ pub(super) fn describe(network: &Network, target: Target) -> String {
 }
 
 fn describe_point(network: &Network, id: PointId) -> String {
-    let Some(point) = network.points.get(&id) else { return network.label(id) };
-    let sigmas = point.covariance.map(|c| [c[(0, 0)], c[(1, 1)], c[(2, 2)]].map(f64::sqrt));
+    let Some(point) = network.points.get(&id) else {
+        return network.label(id);
+    };
+    let sigmas = point
+        .covariance
+        .map(|c| [c[(0, 0)], c[(1, 1)], c[(2, 2)]].map(f64::sqrt));
     let place = coordinates(point.position.into(), sigmas);
-    format!("{} ({})\n{place}\n{} rays", network.label(id), id.kind(), point.rays)
+    format!(
+        "{} ({})\n{place}\n{} rays",
+        network.label(id),
+        id.kind(),
+        point.rays
+    )
 }
 
 fn coordinates(place: [f64; 3], sigmas: Option<[f64; 3]>) -> String {
-    let lines = ["x", "y", "z"].iter().zip(place).enumerate().map(|(axis, (name, value))| {
-        let sigma = sigmas.map(|sigmas| sigmas[axis]);
-        let known = sigma.map_or_else(String::new, |sigma| format!("  sigma {}", format::sigma(sigma, "mm")));
-        format!("{name} {}{known}", format::with_sigma(value, sigma, "mm"))
-    });
+    let lines = ["x", "y", "z"]
+        .iter()
+        .zip(place)
+        .enumerate()
+        .map(|(axis, (name, value))| {
+            let sigma = sigmas.map(|sigmas| sigmas[axis]);
+            let known = sigma.map_or_else(String::new, |sigma| {
+                format!("  sigma {}", format::sigma(sigma, "mm"))
+            });
+            format!("{name} {}{known}", format::with_sigma(value, sigma, "mm"))
+        });
     lines.collect::<Vec<_>>().join("\n")
 }

@@ -42,18 +42,37 @@ pub(super) fn pick(
     pointer: Pos2,
 ) -> Option<Picked> {
     let projector = camera.projector(canvas);
-    let points = scene.points.iter().map(|point| (Target::Point(point.id), point.position));
-    let shown = if options.stations.is_shown() { scene.stations.as_slice() } else { &[] };
-    let stations = shown.iter().map(|station| (Target::Station(station.id), station.centre));
+    let points = scene
+        .points
+        .iter()
+        .map(|point| (Target::Point(point.id), point.position));
+    let shown = if options.stations.is_shown() {
+        scene.stations.as_slice()
+    } else {
+        &[]
+    };
+    let stations = shown
+        .iter()
+        .map(|station| (Target::Station(station.id), station.centre));
     let near: Vec<(f32, Picked)> = points
         .chain(stations)
         .filter_map(|(target, place)| {
             let seen = projector.project(place)?;
             let distance = seen.position.distance(pointer);
-            (distance <= PICK_RADIUS).then_some((distance, Picked { target, place, seen }))
+            (distance <= PICK_RADIUS).then_some((
+                distance,
+                Picked {
+                    target,
+                    place,
+                    seen,
+                },
+            ))
         })
         .collect();
-    let nearest = near.iter().map(|(distance, _)| *distance).fold(f32::INFINITY, f32::min);
+    let nearest = near
+        .iter()
+        .map(|(distance, _)| *distance)
+        .fold(f32::INFINITY, f32::min);
     near.into_iter()
         .filter(|(distance, _)| *distance <= nearest + SAME_PLACE)
         .map(|(_, picked)| picked)

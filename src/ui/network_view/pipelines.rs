@@ -12,6 +12,15 @@ pub(super) const SAMPLES: u32 = 4;
 /// With more ellipsoids than this, each gets fewer triangles.
 const MANY_ELLIPSOIDS: u32 = 1500;
 
+/// Fields of [`PointInstance`].
+const POINT_ATTRIBUTES: [wgpu::VertexAttribute; 5] = wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32, 2 => Unorm8x4, 3 => Unorm8x4, 4 => Uint32];
+/// Fields of [`LineInstance`].
+const LINE_ATTRIBUTES: [wgpu::VertexAttribute; 5] = wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32, 2 => Float32x3, 3 => Float32, 4 => Unorm8x4];
+/// Corners of the sphere.
+const CORNER_ATTRIBUTES: [wgpu::VertexAttribute; 1] = wgpu::vertex_attr_array![0 => Float32x3];
+/// Fields of [`EllipsoidInstance`].
+const ELLIPSOID_ATTRIBUTES: [wgpu::VertexAttribute; 5] = wgpu::vertex_attr_array![1 => Float32x3, 2 => Float32x3, 3 => Float32x3, 4 => Float32x3, 5 => Unorm8x4];
+
 /// A sphere on the card.
 pub(super) struct SphereMesh {
     pub(super) corners: wgpu::Buffer,
@@ -24,13 +33,25 @@ impl SphereMesh {
         let mut sphere = Sphere::new(rings);
         let count = sphere.triangles.len() as u32;
         // Buffers are loaded in steps of four bytes.
-        sphere.triangles.resize(sphere.triangles.len().next_multiple_of(2), 0);
+        sphere
+            .triangles
+            .resize(sphere.triangles.len().next_multiple_of(2), 0);
         let load = |contents: &[u8], usage| {
-            device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: Some("sphere"), contents, usage })
+            device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+                label: Some("sphere"),
+                contents,
+                usage,
+            })
         };
         Self {
-            corners: load(bytemuck::cast_slice(&sphere.corners), wgpu::BufferUsages::VERTEX),
-            triangles: load(bytemuck::cast_slice(&sphere.triangles), wgpu::BufferUsages::INDEX),
+            corners: load(
+                bytemuck::cast_slice(&sphere.corners),
+                wgpu::BufferUsages::VERTEX,
+            ),
+            triangles: load(
+                bytemuck::cast_slice(&sphere.triangles),
+                wgpu::BufferUsages::INDEX,
+            ),
             count,
         }
     }
@@ -89,20 +110,14 @@ impl Pipelines {
         });
         let uniform_layout = uniform_layout(device);
         let picture_layout = picture_layout(device);
-        let point_layout = instances::<PointInstance>(
-            &wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32, 2 => Unorm8x4, 3 => Unorm8x4, 4 => Uint32],
-        );
-        let line_layout = instances::<LineInstance>(
-            &wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32, 2 => Float32x3, 3 => Float32, 4 => Unorm8x4],
-        );
+        let point_layout = instances::<PointInstance>(&POINT_ATTRIBUTES);
+        let line_layout = instances::<LineInstance>(&LINE_ATTRIBUTES);
         let corner_layout = wgpu::VertexBufferLayout {
             array_stride: size_of::<[f32; 3]>() as u64,
             step_mode: wgpu::VertexStepMode::Vertex,
-            attributes: &wgpu::vertex_attr_array![0 => Float32x3],
+            attributes: &CORNER_ATTRIBUTES,
         };
-        let ellipsoid_layout = instances::<EllipsoidInstance>(
-            &wgpu::vertex_attr_array![1 => Float32x3, 2 => Float32x3, 3 => Float32x3, 4 => Float32x3, 5 => Unorm8x4],
-        );
+        let ellipsoid_layout = instances::<EllipsoidInstance>(&ELLIPSOID_ATTRIBUTES);
         let (point_layout, line_layout) = ([Some(point_layout)], [Some(line_layout)]);
         let points = |depth| Recipe {
             vertex: "point_vertex",
@@ -133,7 +148,11 @@ impl Pipelines {
         };
         let blit = Recipe {
             vertex: "blit_vertex",
-            fragment: if target.is_srgb() { "blit_linear" } else { "blit_gamma" },
+            fragment: if target.is_srgb() {
+                "blit_linear"
+            } else {
+                "blit_gamma"
+            },
             buffers: &[],
             layout: &picture_layout,
             format: target,
@@ -156,26 +175,47 @@ impl Pipelines {
 
     /// A sphere with as many triangles as this many ellipsoids can have.
     pub(super) fn sphere_for(&self, ellipsoids: u32) -> &SphereMesh {
-        if ellipsoids > MANY_ELLIPSOIDS { &self.coarse_sphere } else { &self.fine_sphere }
+        if ellipsoids > MANY_ELLIPSOIDS {
+            &self.coarse_sphere
+        } else {
+            &self.fine_sphere
+        }
     }
 
     /// The viewpoint of a view, as the shaders find it.
-    pub(super) fn bind_uniform(&self, device: &wgpu::Device, uniform: &wgpu::Buffer) -> wgpu::BindGroup {
+    pub(super) fn bind_uniform(
+        &self,
+        device: &wgpu::Device,
+        uniform: &wgpu::Buffer,
+    ) -> wgpu::BindGroup {
         device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("3D view"),
             layout: &self.uniform_layout,
-            entries: &[wgpu::BindGroupEntry { binding: 0, resource: uniform.as_entire_binding() }],
+            entries: &[wgpu::BindGroupEntry {
+                binding: 0,
+                resource: uniform.as_entire_binding(),
+            }],
         })
     }
 
     /// The finished picture of a view, as the last shader finds it.
-    pub(super) fn bind_picture(&self, device: &wgpu::Device, picture: &wgpu::TextureView) -> wgpu::BindGroup {
+    pub(super) fn bind_picture(
+        &self,
+        device: &wgpu::Device,
+        picture: &wgpu::TextureView,
+    ) -> wgpu::BindGroup {
         device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("3D view"),
             layout: &self.picture_layout,
             entries: &[
-                wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::TextureView(picture) },
-                wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::Sampler(&self.sampler) },
+                wgpu::BindGroupEntry {
+                    binding: 0,
+                    resource: wgpu::BindingResource::TextureView(picture),
+                },
+                wgpu::BindGroupEntry {
+                    binding: 1,
+                    resource: wgpu::BindingResource::Sampler(&self.sampler),
+                },
             ],
         })
     }
@@ -210,7 +250,10 @@ impl Recipe<'_> {
                 compilation_options: wgpu::PipelineCompilationOptions::default(),
                 buffers: self.buffers,
             },
-            primitive: wgpu::PrimitiveState { topology: self.topology, ..Default::default() },
+            primitive: wgpu::PrimitiveState {
+                topology: self.topology,
+                ..Default::default()
+            },
             multisample: wgpu::MultisampleState {
                 count: if depth_stencil.is_some() { SAMPLES } else { 1 },
                 mask: !0,

@@ -78,8 +78,13 @@ impl Loaded {
     fn new(device: &wgpu::Device, layer: &Arc<Layer>) -> Self {
         let load = |contents: &[u8]| {
             let usage = wgpu::BufferUsages::VERTEX;
-            (!contents.is_empty())
-                .then(|| device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: None, contents, usage }))
+            (!contents.is_empty()).then(|| {
+                device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+                    label: None,
+                    contents,
+                    usage,
+                })
+            })
         };
         Self {
             layer: Arc::clone(layer),
@@ -119,7 +124,11 @@ impl Pictures {
         let picture = |format, sample_count, usage| {
             let texture = device.create_texture(&wgpu::TextureDescriptor {
                 label: Some("3D view"),
-                size: wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: 1 },
+                size: wgpu::Extent3d {
+                    width: size[0],
+                    height: size[1],
+                    depth_or_array_layers: 1,
+                },
                 mip_level_count: 1,
                 sample_count,
                 dimension: wgpu::TextureDimension::D2,
@@ -130,7 +139,11 @@ impl Pictures {
             texture.create_view(&wgpu::TextureViewDescriptor::default())
         };
         let drawn = wgpu::TextureUsages::RENDER_ATTACHMENT;
-        let resolved = picture(Pipelines::COLOUR, 1, drawn | wgpu::TextureUsages::TEXTURE_BINDING);
+        let resolved = picture(
+            Pipelines::COLOUR,
+            1,
+            drawn | wgpu::TextureUsages::TEXTURE_BINDING,
+        );
         Self {
             size,
             samples: picture(Pipelines::COLOUR, SAMPLES, drawn),
@@ -171,7 +184,9 @@ impl View {
     }
 
     fn draw(&self, pipelines: &Pipelines, background: Color32, encoder: &mut wgpu::CommandEncoder) {
-        let [r, g, b, _] = background.to_array().map(|channel| f64::from(channel) / 255.0);
+        let [r, g, b, _] = background
+            .to_array()
+            .map(|channel| f64::from(channel) / 255.0);
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("3D view"),
             color_attachments: &[Some(wgpu::RenderPassColorAttachment {
@@ -204,23 +219,36 @@ impl View {
             pass.set_index_buffer(sphere.triangles.slice(..), wgpu::IndexFormat::Uint16);
             pass.draw_indexed(0..sphere.count, 0, 0..count);
         }
-        let mut quads = |pipeline: &wgpu::RenderPipeline, instances: &Option<wgpu::Buffer>, count: usize| {
-            if let Some(instances) = instances {
-                pass.set_pipeline(pipeline);
-                pass.set_vertex_buffer(0, instances.slice(..));
-                pass.draw(0..4, 0..count as u32);
-            }
-        };
-        quads(&pipelines.points, &self.scene.points, self.scene.layer.points.len());
+        let mut quads =
+            |pipeline: &wgpu::RenderPipeline, instances: &Option<wgpu::Buffer>, count: usize| {
+                if let Some(instances) = instances {
+                    pass.set_pipeline(pipeline);
+                    pass.set_vertex_buffer(0, instances.slice(..));
+                    pass.draw(0..4, 0..count as u32);
+                }
+            };
+        quads(
+            &pipelines.points,
+            &self.scene.points,
+            self.scene.layer.points.len(),
+        );
         for loaded in [&self.scene, &self.highlight] {
             quads(&pipelines.lines, &loaded.lines, loaded.layer.lines.len());
         }
-        quads(&pipelines.points_on_top, &self.highlight.points, self.highlight.layer.points.len());
+        quads(
+            &pipelines.points_on_top,
+            &self.highlight.points,
+            self.highlight.layer.points.len(),
+        );
     }
 }
 
 /// The size of the view on the window, pixels; `None` where nothing of it can be drawn.
-fn size_in_pixels(frame: &Frame, device: &wgpu::Device, screen: &ScreenDescriptor) -> Option<[u32; 2]> {
+fn size_in_pixels(
+    frame: &Frame,
+    device: &wgpu::Device,
+    screen: &ScreenDescriptor,
+) -> Option<[u32; 2]> {
     let viewport = PaintCallbackInfo {
         viewport: frame.rect,
         clip_rect: frame.rect,
@@ -229,7 +257,8 @@ fn size_in_pixels(frame: &Frame, device: &wgpu::Device, screen: &ScreenDescripto
     }
     .viewport_in_pixels();
     let largest = device.limits().max_texture_dimension_2d;
-    let size = [viewport.width_px, viewport.height_px].map(|side| (side.max(0) as u32).min(largest));
+    let size =
+        [viewport.width_px, viewport.height_px].map(|side| (side.max(0) as u32).min(largest));
     (size[0] > 0 && size[1] > 0).then_some(size)
 }
 
@@ -248,18 +277,24 @@ impl CallbackTrait for Frame {
         let Some(size) = size_in_pixels(self, device, screen) else {
             return Vec::new();
         };
-        let view = views.entry(self.view).or_insert_with(|| View::new(device, pipelines, self, size));
+        let view = views
+            .entry(self.view)
+            .or_insert_with(|| View::new(device, pipelines, self, size));
         if view.pictures.size != size {
             view.pictures = Pictures::new(device, pipelines, size);
             view.drawn = None;
         }
-        let freshness = [view.scene.update(device, &self.scene), view.highlight.update(device, &self.highlight)];
+        let freshness = [
+            view.scene.update(device, &self.scene),
+            view.highlight.update(device, &self.highlight),
+        ];
         let uniform = ViewUniform {
             size_px: size.map(|side| side as f32),
             px_per_point: screen.pixels_per_point,
             ..self.uniform
         };
-        if freshness.contains(&Freshness::Changed) || view.drawn != Some((uniform, self.background)) {
+        if freshness.contains(&Freshness::Changed) || view.drawn != Some((uniform, self.background))
+        {
             queue.write_buffer(&view.uniform, 0, bytemuck::bytes_of(&uniform));
             view.draw(pipelines, self.background, encoder);
             view.drawn = Some((uniform, self.background));
@@ -267,9 +302,18 @@ impl CallbackTrait for Frame {
         Vec::new()
     }
 
-    fn paint(&self, _: PaintCallbackInfo, pass: &mut wgpu::RenderPass<'static>, resources: &CallbackResources) {
-        let Some(card) = resources.get::<Card>() else { return };
-        let Some(view) = card.views.get(&self.view) else { return };
+    fn paint(
+        &self,
+        _: PaintCallbackInfo,
+        pass: &mut wgpu::RenderPass<'static>,
+        resources: &CallbackResources,
+    ) {
+        let Some(card) = resources.get::<Card>() else {
+            return;
+        };
+        let Some(view) = card.views.get(&self.view) else {
+            return;
+        };
         pass.set_pipeline(&card.pipelines.blit);
         pass.set_bind_group(0, &view.pictures.blit, &[]);
         pass.draw(0..4, 0..1);

@@ -35,7 +35,7 @@ const STATION_WIDTH: f32 = 1.2;
 /// Length of a frustum as a part of the middle distance from the stations to the points.
 const FRUSTUM_PART: f64 = 0.13;
 /// Size that the middle ellipsoid gets by itself, as a part of the middle distance of the points from their centre.
-const ELLIPSOID_PART: f64 = 0.03;
+const ELLIPSOID_PART: f64 = 0.06;
 /// Birth of what is there from the beginning, s: before any clock starts, so that it does not fade in.
 pub(super) const ALWAYS: f32 = -1e6;
 
@@ -125,18 +125,41 @@ impl Scene {
             .filter(|(_, point)| point.position.iter().all(|x| x.is_finite()))
             .collect();
         let origin = middle(points.iter().map(|(_, point)| dvec(&point.position)))
-            .or_else(|| middle(network.oriented_images().map(|(_, _, s)| dvec(&s.pose.centre_in_world))))
+            .or_else(|| {
+                middle(
+                    network
+                        .oriented_images()
+                        .map(|(_, _, s)| dvec(&s.pose.centre_in_world)),
+                )
+            })
             .unwrap_or(DVec3::ZERO);
-        let control: BTreeSet<PointId> =
-            network.control.iter().filter_map(|c| network.point_of_label(&c.label).ok()).collect();
+        let control: BTreeSet<PointId> = network
+            .control
+            .iter()
+            .filter_map(|c| network.point_of_label(&c.label).ok())
+            .collect();
         let mut scene = Self {
-            basis: Basis { network: network.clone(), options: *options, theme },
+            basis: Basis {
+                network: network.clone(),
+                options: *options,
+                theme,
+            },
             origin,
-            points: points.iter().map(|(id, p)| ScenePoint { id: **id, position: dvec(&p.position) }).collect(),
+            points: points
+                .iter()
+                .map(|(id, p)| ScenePoint {
+                    id: **id,
+                    position: dvec(&p.position),
+                })
+                .collect(),
             stations: stations(network, origin, options.station_size),
             bars: Vec::new(),
             layer: Arc::default(),
-            scale: ColourScale::over(points.iter().filter_map(|(_, p)| shown_number(options.colouring, p))),
+            scale: ColourScale::over(
+                points
+                    .iter()
+                    .filter_map(|(_, p)| shown_number(options.colouring, p)),
+            ),
             kinds: points.iter().map(|(id, _)| id.kind()).collect(),
             control: points.iter().filter(|(id, _)| control.contains(id)).count(),
             unknown: 0,
@@ -159,7 +182,12 @@ impl Scene {
     }
 
     /// Whether this is still the scene of the network.
-    pub(super) fn is_of(&self, network: &Network, options: &DisplayOptions, theme: egui::Theme) -> bool {
+    pub(super) fn is_of(
+        &self,
+        network: &Network,
+        options: &DisplayOptions,
+        theme: egui::Theme,
+    ) -> bool {
         self.basis.is_of(network, options, theme)
     }
 
@@ -170,19 +198,31 @@ impl Scene {
 
     /// All places that a fit shows.
     pub(super) fn places(&self) -> impl Iterator<Item = DVec3> + Clone + '_ {
-        let stations = self.stations.iter().flat_map(|s| s.corners.into_iter().chain([s.centre]));
-        self.points.iter().map(|point| point.position).chain(stations)
+        let stations = self
+            .stations
+            .iter()
+            .flat_map(|s| s.corners.into_iter().chain([s.centre]));
+        self.points
+            .iter()
+            .map(|point| point.position)
+            .chain(stations)
     }
 
     /// A point by its name.
     pub(super) fn point(&self, id: PointId) -> Option<&ScenePoint> {
         // Both the table and this list are in the order of the names.
-        self.points.binary_search_by(|point| point.id.cmp(&id)).ok().map(|place| &self.points[place])
+        self.points
+            .binary_search_by(|point| point.id.cmp(&id))
+            .ok()
+            .map(|place| &self.points[place])
     }
 
     /// A station by its image.
     pub(super) fn station(&self, id: ImageId) -> Option<&SceneStation> {
-        self.stations.binary_search_by(|station| station.id.cmp(&id)).ok().map(|place| &self.stations[place])
+        self.stations
+            .binary_search_by(|station| station.id.cmp(&id))
+            .ok()
+            .map(|place| &self.stations[place])
     }
 
     /// Coordinates as the graphics card gets them.
@@ -190,9 +230,16 @@ impl Scene {
         (place - self.origin).as_vec3().to_array()
     }
 
-    fn draw_points(&mut self, points: &[(&PointId, &Point)], control: &BTreeSet<PointId>, layer: &mut Layer) {
+    fn draw_points(
+        &mut self,
+        points: &[(&PointId, &Point)],
+        control: &BTreeSet<PointId>,
+        layer: &mut Layer,
+    ) {
         let options = self.basis.options;
-        if options.ellipsoids.is_shown() && points.iter().any(|(_, point)| point.covariance.is_some()) {
+        if options.ellipsoids.is_shown()
+            && points.iter().any(|(_, point)| point.covariance.is_some())
+        {
             self.exaggeration = Some(match options.exaggeration {
                 Exaggeration::Fixed(factor) => factor,
                 Exaggeration::Automatic => automatic_exaggeration(points, self.origin),
@@ -221,10 +268,18 @@ impl Scene {
                 rim: bytes(self.palette.rim),
                 marker: marker as u32,
             });
-            let root = self.exaggeration.zip(point.covariance.as_ref().and_then(ellipsoid));
+            let root = self
+                .exaggeration
+                .zip(point.covariance.as_ref().and_then(ellipsoid));
             if let Some((factor, root)) = root {
-                let columns = std::array::from_fn(|c| std::array::from_fn(|r| (root[(r, c)] * factor) as f32));
-                layer.ellipsoids.push(EllipsoidInstance { centre: position, columns, colour: bytes(colour) });
+                let columns = std::array::from_fn(|c| {
+                    std::array::from_fn(|r| (root[(r, c)] * factor) as f32)
+                });
+                layer.ellipsoids.push(EllipsoidInstance {
+                    centre: position,
+                    columns,
+                    colour: bytes(colour),
+                });
             }
         }
     }
@@ -232,7 +287,13 @@ impl Scene {
     fn draw_stations(&self, births: &BTreeMap<ImageId, f32>, layer: &mut Layer) {
         for station in &self.stations {
             let birth = births.get(&station.id).copied().unwrap_or(ALWAYS);
-            self.draw_frustum(station, bytes(self.palette.station), STATION_WIDTH, birth, layer);
+            self.draw_frustum(
+                station,
+                bytes(self.palette.station),
+                STATION_WIDTH,
+                birth,
+                layer,
+            );
         }
     }
 
@@ -261,13 +322,15 @@ impl Scene {
             [left, tip],
             [tip, right],
         ];
-        layer.lines.extend(edges.into_iter().map(|[from, to]| LineInstance {
-            from: self.relative(from),
-            width,
-            to: self.relative(to),
-            birth,
-            colour,
-        }));
+        layer
+            .lines
+            .extend(edges.into_iter().map(|[from, to]| LineInstance {
+                from: self.relative(from),
+                width,
+                to: self.relative(to),
+                birth,
+                colour,
+            }));
     }
 
     fn draw_bars(&mut self, network: &Network, layer: &mut Layer) {
@@ -276,29 +339,48 @@ impl Scene {
                 let id = network.point_of_label(label).ok()?;
                 self.point(id).map(|point| point.position)
             };
-            let (Some(from), Some(to)) = (end(&bar.from), end(&bar.to)) else { continue };
+            let (Some(from), Some(to)) = (end(&bar.from), end(&bar.to)) else {
+                continue;
+            };
             layer.lines.push(LineInstance {
                 from: self.relative(from),
-                width: if bar.role == BarRole::Control { 3.5 } else { 2.0 },
+                width: if bar.role == BarRole::Control {
+                    3.5
+                } else {
+                    2.0
+                },
                 to: self.relative(to),
                 birth: ALWAYS,
                 colour: bytes(self.palette.bar),
             });
-            let role = if bar.role == BarRole::Check { " (check)" } else { "" };
+            let role = if bar.role == BarRole::Check {
+                " (check)"
+            } else {
+                ""
+            };
             let text = format!("{} {:.3} mm{role}", bar.name, bar.length_mm);
-            self.bars.push(SceneBar { middle: (from + to) / 2.0, text });
+            self.bars.push(SceneBar {
+                middle: (from + to) / 2.0,
+                text,
+            });
         }
     }
 
     fn draw_order(&self, network: &Network, births: &BTreeMap<ImageId, f32>, layer: &mut Layer) {
-        let order: Vec<&SceneStation> = network.connection_order.iter().filter_map(|id| self.station(*id)).collect();
-        layer.lines.extend(order.windows(2).map(|pair| LineInstance {
-            from: self.relative(pair[0].centre),
-            width: 1.5,
-            to: self.relative(pair[1].centre),
-            birth: births.get(&pair[1].id).copied().unwrap_or(ALWAYS),
-            colour: bytes(self.palette.order),
-        }));
+        let order: Vec<&SceneStation> = network
+            .connection_order
+            .iter()
+            .filter_map(|id| self.station(*id))
+            .collect();
+        layer
+            .lines
+            .extend(order.windows(2).map(|pair| LineInstance {
+                from: self.relative(pair[0].centre),
+                width: 1.5,
+                to: self.relative(pair[1].centre),
+                birth: births.get(&pair[1].id).copied().unwrap_or(ALWAYS),
+                colour: bytes(self.palette.order),
+            }));
     }
 }
 
@@ -309,10 +391,13 @@ pub(super) fn dvec(v: &Vector3<f64>) -> DVec3 {
 
 /// The middle of a box round all places that are numbers.
 fn middle(places: impl Iterator<Item = DVec3>) -> Option<DVec3> {
-    let bounds = places.filter(|place| place.is_finite()).fold(None, |bounds: Option<[DVec3; 2]>, place| {
-        let [low, high] = bounds.unwrap_or([place; 2]);
-        Some([low.min(place), high.max(place)])
-    });
+    let bounds =
+        places
+            .filter(|place| place.is_finite())
+            .fold(None, |bounds: Option<[DVec3; 2]>, place| {
+                let [low, high] = bounds.unwrap_or([place; 2]);
+                Some([low.min(place), high.max(place)])
+            });
     bounds.map(|[low, high]| (low + high) / 2.0)
 }
 
@@ -326,7 +411,10 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
 /// A matrix that takes the unit sphere to the ellipsoid of one sigma, mm: the Cholesky factor gives the same surface as
 /// the principal axes. `None` where the covariance has no inside.
 fn ellipsoid(covariance: &Matrix3<f64>) -> Option<Matrix3<f64>> {
-    covariance.cholesky().map(|cholesky| cholesky.l()).filter(|root| root.iter().all(|x| x.is_finite()))
+    covariance
+        .cholesky()
+        .map(|cholesky| cholesky.l())
+        .filter(|root| root.iter().all(|x| x.is_finite()))
 }
 
 /// 1, 2 or 5 times a power of ten, the nearest below.
@@ -336,12 +424,29 @@ pub(super) fn round_number(value: f64) -> f64 {
     }
     let power = 10f64.powf(value.log10().floor());
     let digit = value / power;
-    power * if digit < 2.0 { 1.0 } else if digit < 5.0 { 2.0 } else { 5.0 }
+    power
+        * if digit < 2.0 {
+            1.0
+        } else if digit < 5.0 {
+            2.0
+        } else {
+            5.0
+        }
 }
 
 fn automatic_exaggeration(points: &[(&PointId, &Point)], origin: DVec3) -> f64 {
-    let sigma = median(points.iter().filter_map(|(_, p)| shown_number(Colouring::Precision, p)).collect());
-    let spread = median(points.iter().map(|(_, p)| (dvec(&p.position) - origin).length()).collect());
+    let sigma = median(
+        points
+            .iter()
+            .filter_map(|(_, p)| shown_number(Colouring::Precision, p))
+            .collect(),
+    );
+    let spread = median(
+        points
+            .iter()
+            .map(|(_, p)| (dvec(&p.position) - origin).length())
+            .collect(),
+    );
     match (sigma, spread) {
         (Some(sigma), Some(spread)) if sigma > 0.0 && spread > 0.0 => {
             round_number(spread * ELLIPSOID_PART / sigma).max(1.0)
@@ -352,7 +457,9 @@ fn automatic_exaggeration(points: &[(&PointId, &Point)], origin: DVec3) -> f64 {
 
 /// The oriented stations in the order of their images.
 fn stations(network: &Network, origin: DVec3, size: f64) -> Vec<SceneStation> {
-    let centres = network.oriented_images().map(|(_, _, station)| dvec(&station.pose.centre_in_world));
+    let centres = network
+        .oriented_images()
+        .map(|(_, _, station)| dvec(&station.pose.centre_in_world));
     let length = median(centres.map(|centre| (centre - origin).length()).collect())
         .filter(|distance| *distance > 0.0)
         .map_or(100.0, |distance| distance * FRUSTUM_PART)
@@ -363,16 +470,28 @@ fn stations(network: &Network, origin: DVec3, size: f64) -> Vec<SceneStation> {
         .map(|(id, image, station)| {
             let camera = &network.camera_of(image).camera;
             let (width, height) = (f64::from(camera.width_px), f64::from(camera.height_px));
-            let corners = [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]].map(|[x, y]| {
-                // Straight edges: the lens's distortion has no place in a sketch.
-                let image = camera.image_from_pixel(&Vector2::new(x, y));
-                let c = camera.interior.principal_distance;
-                let direction = Vector3::new(image.x / c, image.y / c, -1.0) * length;
-                dvec(&(station.pose.centre_in_world + station.pose.world_from_direction(&direction)))
-            });
+            let corners =
+                [[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]].map(|[x, y]| {
+                    // Straight edges: the lens's distortion has no place in a sketch.
+                    let image = camera.image_from_pixel(&Vector2::new(x, y));
+                    let c = camera.interior.principal_distance;
+                    let direction = Vector3::new(image.x / c, image.y / c, -1.0) * length;
+                    dvec(
+                        &(station.pose.centre_in_world
+                            + station.pose.world_from_direction(&direction)),
+                    )
+                });
             let file = image.file.path.rsplit('/').next().unwrap_or_default();
-            let name = file.rsplit_once('.').map_or(file, |(stem, _)| stem).to_owned();
-            SceneStation { id, centre: dvec(&station.pose.centre_in_world), name, corners }
+            let name = file
+                .rsplit_once('.')
+                .map_or(file, |(stem, _)| stem)
+                .to_owned();
+            SceneStation {
+                id,
+                centre: dvec(&station.pose.centre_in_world),
+                name,
+                corners,
+            }
         })
         .collect()
 }

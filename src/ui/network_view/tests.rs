@@ -44,7 +44,7 @@ use crate::ui::action::Selection;
 
 /// Stations on two rings round a box of 600 x 400 x 300 mm with points on its sides, whose sigmas grow with height;
 /// every station shows every fifth point.
-fn ring_network(stations: u32, points: u32) -> Network {
+pub(super) fn ring_network(stations: u32, points: u32) -> Network {
     let mut network = Network::default();
     let camera = Camera {
         width_px: 3000,
@@ -61,18 +61,33 @@ fn ring_network(stations: u32, points: u32) -> Network {
         exif_model: None,
     };
     network.cameras = Arc::new(BTreeMap::from([(CameraId(0), Arc::new(entry))]));
-    let device = [(0.0, 0.0, 40.0), (100.0, 0.0, 0.0), (-100.0, 0.0, 0.0), (0.0, 100.0, 0.0)];
+    let device = [
+        (0.0, 0.0, 40.0),
+        (100.0, 0.0, 0.0),
+        (-100.0, 0.0, 0.0),
+        (0.0, 100.0, 0.0),
+    ];
     network.device = Arc::new(
         device
             .iter()
             .enumerate()
-            .map(|(i, (x, y, z))| DevicePoint { label: format!("X{}", i + 1), position_mm: [*x, *y, *z] })
+            .map(|(i, (x, y, z))| DevicePoint {
+                label: format!("X{}", i + 1),
+                position_mm: [*x, *y, *z],
+            })
             .collect(),
     );
     let mut table: BTreeMap<PointId, Arc<Point>> = BTreeMap::new();
     for (place, dot) in device.iter().enumerate() {
         let position = Vector3::new(dot.0, dot.1, dot.2 + 300.0);
-        table.insert(PointId::Device(place as u16), Arc::new(Point { position, covariance: None, rays: 4 }));
+        table.insert(
+            PointId::Device(place as u16),
+            Arc::new(Point {
+                position,
+                covariance: None,
+                rays: 4,
+            }),
+        );
     }
     for number in 0..points {
         let point = box_point(number, points);
@@ -86,7 +101,14 @@ fn ring_network(stations: u32, points: u32) -> Network {
     let ids: Vec<PointId> = table.keys().copied().collect();
     network.points = Arc::new(table);
     network.images = Arc::new(
-        (0..stations).map(|number| (ImageId(number), Arc::new(ring_image(number, stations, &ids)))).collect(),
+        (0..stations)
+            .map(|number| {
+                (
+                    ImageId(number),
+                    Arc::new(ring_image(number, stations, &ids)),
+                )
+            })
+            .collect(),
     );
     network.connection_order = Arc::new((0..stations).map(ImageId).collect());
     network.scale_bars = Arc::new(vec![ScaleBar {
@@ -112,14 +134,26 @@ fn box_point(number: u32, points: u32) -> Point {
     };
     let sigma = 0.01 + 0.03 * part;
     let covariance = Matrix3::new(1.0, 0.3, 0.0, 0.3, 1.5, 0.2, 0.0, 0.2, 3.0) * (sigma * sigma);
-    Point { position: Vector3::new(x, y, 300.0 * part), covariance: Some(covariance), rays: 4 + number % 9 }
+    Point {
+        position: Vector3::new(x, y, 300.0 * part),
+        covariance: Some(covariance),
+        rays: 4 + number % 9,
+    }
 }
 
 fn ring_image(number: u32, stations: u32, ids: &[PointId]) -> ImageEntry {
     let angle = std::f64::consts::TAU * f64::from(number) / f64::from(stations);
-    let height = if number.is_multiple_of(2) { 250.0 } else { 900.0 };
+    let height = if number.is_multiple_of(2) {
+        250.0
+    } else {
+        900.0
+    };
     let centre = Vector3::new(1500.0 * angle.cos(), 1500.0 * angle.sin(), height);
-    let roll = if number.is_multiple_of(4) { std::f64::consts::FRAC_PI_2 } else { 0.0 };
+    let roll = if number.is_multiple_of(4) {
+        std::f64::consts::FRAC_PI_2
+    } else {
+        0.0
+    };
     let file = ImageFile {
         path: format!("images/img_{number:03}.jpg"),
         size_bytes: 1,
@@ -129,40 +163,63 @@ fn ring_image(number: u32, stations: u32, ids: &[PointId]) -> ImageEntry {
     };
     let mut image = ImageEntry::new(file, CameraId(0));
     let pose = Pose::looking_at(centre, Vector3::new(0.0, 0.0, 150.0), Vector3::z(), roll);
-    image.station = Some(Station { pose, covariance: None });
+    image.station = Some(Station {
+        pose,
+        covariance: None,
+    });
     image.labels = Arc::new(
         ids.iter()
             .enumerate()
             .filter(|(place, _)| (*place as u32 + number).is_multiple_of(5))
             .map(|(place, id)| {
-                let rejected = (place as u32 + number).is_multiple_of(35).then(|| "w = 9.1".to_owned());
-                (DotIndex(place as u32), Label { point: *id, source: Source::Automatic, rejected })
+                let rejected = (place as u32 + number)
+                    .is_multiple_of(35)
+                    .then(|| "w = 9.1".to_owned());
+                (
+                    DotIndex(place as u32),
+                    Label {
+                        point: *id,
+                        source: Source::Automatic,
+                        rejected,
+                    },
+                )
             })
             .collect(),
     );
     image
 }
 
+/// Seconds of a frame: two clicks in a row are a double click.
+const FRAME_S: f32 = 1.0 / 60.0;
+
 #[derive(Default)]
-struct Bench {
-    view: NetworkView,
+pub(super) struct Bench {
+    pub(super) view: NetworkView,
     network: Network,
-    selection: Selection,
+    pub(super) selection: Selection,
     actions: Vec<Action>,
 }
 
 impl Bench {
-    fn of(network: Network) -> Self {
-        Self { network, ..Default::default() }
+    pub(super) fn of(network: Network) -> Self {
+        Self {
+            network,
+            ..Default::default()
+        }
     }
 
-    fn draw(ui: &mut egui::Ui, bench: &mut Self) {
-        bench.view.show(ui, &bench.network, &bench.selection, &mut bench.actions);
+    pub(super) fn draw(ui: &mut egui::Ui, bench: &mut Self) {
+        bench
+            .view
+            .show(ui, &bench.network, &bench.selection, &mut bench.actions);
     }
 }
 
-fn harness(network: Network) -> Harness<'static, Bench> {
-    let mut harness = Harness::builder().with_size(Vec2::new(900.0, 600.0)).build_ui_state(Bench::draw, Bench::of(network));
+pub(super) fn harness(network: Network) -> Harness<'static, Bench> {
+    let mut harness = Harness::builder()
+        .with_size(Vec2::new(900.0, 600.0))
+        .with_step_dt(FRAME_S)
+        .build_ui_state(Bench::draw, Bench::of(network));
     harness.step();
     harness.step();
     harness
@@ -171,7 +228,8 @@ fn harness(network: Network) -> Harness<'static, Bench> {
 /// Presses and releases at a place, as often as told.
 fn click(harness: &mut Harness<'_, Bench>, place: Pos2, times: usize) {
     harness.hover_at(place);
-    harness.step();
+    // Long enough after any click before.
+    harness.run_steps(30);
     for _ in 0..times {
         for pressed in [true, false] {
             harness.event(egui::Event::PointerButton {
@@ -204,32 +262,62 @@ fn a_click_selects_the_point_that_is_seen_there() {
     harness.get_by_label("12 stations, 124 points");
     let mut selected = 0;
     for id in [PointId::Target(3), PointId::Target(60), PointId::Device(1)] {
-        let place = harness.state().view.place_on_screen(Target::Point(id)).unwrap();
+        let place = harness
+            .state()
+            .view
+            .place_on_screen(Target::Point(id))
+            .unwrap();
         click(&mut harness, place, 1);
-        let Some(Action::Select(selection)) = harness.state_mut().actions.pop() else { panic!("no selection") };
+        let Some(Action::Select(selection)) = harness.state_mut().actions.pop() else {
+            panic!("no selection")
+        };
         // Another point may stand before it; then it is that one that must be at the pointer.
-        let found = harness.state().view.place_on_screen(Target::Point(selection.point.unwrap())).unwrap();
+        let found = harness
+            .state()
+            .view
+            .place_on_screen(Target::Point(selection.point.unwrap()))
+            .unwrap();
         assert!(found.distance(place) <= 1.5);
         selected += usize::from(selection.point == Some(id));
     }
     assert!(selected >= 2);
-    let station = harness.state().view.place_on_screen(Target::Station(ImageId(3))).unwrap();
+    let station = harness
+        .state()
+        .view
+        .place_on_screen(Target::Station(ImageId(3)))
+        .unwrap();
     click(&mut harness, station, 1);
-    let Some(Action::Select(selection)) = harness.state_mut().actions.pop() else { panic!("no selection") };
+    let Some(Action::Select(selection)) = harness.state_mut().actions.pop() else {
+        panic!("no selection")
+    };
     assert_eq!(selection.image, Some(ImageId(3)));
 }
 
 #[test]
 fn a_double_click_looks_at_it() {
     let mut harness = harness(ring_network(12, 120));
-    let place = harness.state().view.place_on_screen(Target::Station(ImageId(3))).unwrap();
+    let place = harness
+        .state()
+        .view
+        .place_on_screen(Target::Station(ImageId(3)))
+        .unwrap();
     click(&mut harness, place, 2);
-    let wanted = Selection { image: Some(ImageId(3)), ..Default::default() };
-    assert_eq!(harness.state().actions.last(), Some(&Action::LookAt(wanted.clone())));
+    let wanted = Selection {
+        image: Some(ImageId(3)),
+        ..Default::default()
+    };
+    assert_eq!(
+        harness.state().actions.last(),
+        Some(&Action::LookAt(wanted.clone()))
+    );
     harness.state_mut().view.look_at(&wanted);
     harness.step();
     let centre = harness.get_by_label("3D view").rect().center();
-    let place = harness.state().view.place_on_screen(Target::Station(ImageId(3))).unwrap();
+    let place = harness
+        .state()
+        .view
+        .place_on_screen(Target::Station(ImageId(3)))
+        .unwrap();
     assert!(place.distance(centre) < 0.5);
 }
 
@@ -266,7 +354,13 @@ fn the_viewpoint_stays_when_the_network_grows() {
     harness.get_by_label("Fit").click();
     harness.run_steps(2);
     for number in 0..12 {
-        assert!(harness.state().view.place_on_screen(Target::Station(ImageId(number))).is_some());
+        assert!(
+            harness
+                .state()
+                .view
+                .place_on_screen(Target::Station(ImageId(number)))
+                .is_some()
+        );
     }
 }
 
@@ -281,12 +375,21 @@ fn the_wheel_keeps_the_point_under_the_pointer() {
     harness.event(egui::Event::MouseWheel {
         unit: egui::MouseWheelUnit::Point,
         delta: Vec2::new(0.0, 120.0),
+        source: egui::MouseWheelSource::Wheel,
         phase: egui::TouchPhase::Move,
         modifiers: Modifiers::NONE,
     });
-    harness.run_steps(8);
+    harness.run_steps(60);
     assert!(harness.state().view.camera().distance < 0.8 * distance);
-    assert!(harness.state().view.place_on_screen(id).unwrap().distance(before) < 0.5);
+    assert!(
+        harness
+            .state()
+            .view
+            .place_on_screen(id)
+            .unwrap()
+            .distance(before)
+            < 0.5
+    );
 }
 
 #[test]
@@ -304,8 +407,13 @@ fn dragging_orbits_and_with_shift_it_shifts() {
     drag(&mut harness, Pos2::new(450.0, 80.0), Vec2::new(50.0, 20.0));
     let orbited = *harness.state().view.camera();
     assert_eq!(orbited.target, before.target);
-    assert!(orbited.world_from_view.angle_between(before.world_from_view) > 0.2);
-    harness.input_mut().modifiers = Modifiers::SHIFT;
+    assert!(
+        orbited
+            .world_from_view
+            .angle_between(before.world_from_view)
+            > 0.2
+    );
+    harness.event(egui::Event::ModifiersChanged(Modifiers::SHIFT));
     drag(&mut harness, Pos2::new(450.0, 80.0), Vec2::new(50.0, 20.0));
     let panned = *harness.state().view.camera();
     assert_eq!(panned.world_from_view, orbited.world_from_view);
@@ -324,8 +432,11 @@ fn the_exaggeration_is_shown() {
 }
 
 /// Renders without any screen.
-fn rendered(theme: egui::Theme, bench: Bench) -> image::RgbaImage {
-    let state = create_render_state(default_wgpu_setup(), eframe::egui_wgpu::RendererOptions::PREDICTABLE);
+pub(super) fn rendered(theme: egui::Theme, bench: Bench) -> image::RgbaImage {
+    let state = create_render_state(
+        default_wgpu_setup(),
+        eframe::egui_wgpu::RendererOptions::PREDICTABLE,
+    );
     NetworkView::install(&state);
     let mut harness = Harness::builder()
         .with_size(Vec2::new(900.0, 600.0))
@@ -345,7 +456,10 @@ fn a_picture_shows_points_stations_and_rays() {
     let count = |colour: egui::Color32| {
         let [r, g, b, _] = colour.to_array();
         let near = |a: u8, b: u8| a.abs_diff(b) <= 12;
-        picture.pixels().filter(|p| near(p[0], r) && near(p[1], g) && near(p[2], b)).count()
+        picture
+            .pixels()
+            .filter(|p| near(p[0], r) && near(p[1], g) && near(p[2], b))
+            .count()
     };
     // Discs and ellipsoids of 120 points; ring, rays and frustum of the selection.
     assert!(count(crate::ui::theme::USED) > 500);

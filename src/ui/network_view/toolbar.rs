@@ -26,10 +26,18 @@ pub(super) enum Wish {
 }
 
 /// Draws the buttons; `exaggeration` is what is drawn at present.
-pub(super) fn draw(ui: &mut egui::Ui, options: &mut DisplayOptions, exaggeration: Option<f64>) -> Option<Wish> {
+pub(super) fn draw(
+    ui: &mut egui::Ui,
+    options: &mut DisplayOptions,
+    exaggeration: Option<f64>,
+) -> Option<Wish> {
     let mut wish = None;
     ui.horizontal_wrapped(|ui| {
-        if ui.button("Fit").on_hover_text("Show the whole network (F over the view)").clicked() {
+        if ui
+            .button("Fit")
+            .on_hover_text("Show the whole network (F over the view)")
+            .clicked()
+        {
             wish = Some(Wish::Fit);
         }
         for view in StandardView::ALL {
@@ -37,15 +45,20 @@ pub(super) fn draw(ui: &mut egui::Ui, options: &mut DisplayOptions, exaggeration
                 wish = Some(Wish::View(view));
             }
         }
+        let label = ui.label("Points");
         egui::ComboBox::from_id_salt("colour of points")
-            .selected_text(format!("Points {}", options.colouring.name()))
+            .selected_text(options.colouring.name())
             .show_ui(ui, |ui| {
                 for colouring in Colouring::ALL {
-                    ui.selectable_value(&mut options.colouring, colouring, format!("Points {}", colouring.name()));
+                    ui.selectable_value(&mut options.colouring, colouring, colouring.name());
                 }
-            });
+            })
+            .response
+            .labelled_by(label.id);
         let config = MenuConfig::new().close_behavior(PopupCloseBehavior::CloseOnClickOutside);
-        MenuButton::new("Show").config(config).ui(ui, |ui| draw_menu(ui, options, exaggeration));
+        MenuButton::new("Show")
+            .config(config)
+            .ui(ui, |ui| draw_menu(ui, options, exaggeration));
     });
     wish
 }
@@ -62,19 +75,32 @@ fn draw_menu(ui: &mut egui::Ui, options: &mut DisplayOptions, exaggeration: Opti
         let label = ui.label("Ellipsoids enlarged");
         let mut factor = exaggeration.unwrap_or(1.0);
         let speed = factor / 50.0;
-        let value = DragValue::new(&mut factor).prefix("x ").range(EXAGGERATIONS).speed(speed);
-        if ui.add_enabled(exaggeration.is_some(), value).labelled_by(label.id).changed() {
+        let value = DragValue::new(&mut factor)
+            .prefix("x ")
+            .range(EXAGGERATIONS)
+            .speed(speed);
+        if ui
+            .add_enabled(exaggeration.is_some(), value)
+            .labelled_by(label.id)
+            .changed()
+        {
             options.exaggeration = Exaggeration::Fixed(factor);
         }
         let automatic = options.exaggeration == Exaggeration::Automatic;
-        if ui.add_enabled(!automatic, egui::Button::new("Automatic")).clicked() {
+        if ui
+            .add_enabled(!automatic, egui::Button::new("Automatic"))
+            .clicked()
+        {
             options.exaggeration = Exaggeration::Automatic;
         }
     });
     ui.horizontal(|ui| {
         let label = ui.label("Size of stations");
         let speed = options.station_size / 50.0;
-        let value = DragValue::new(&mut options.station_size).prefix("x ").range(STATION_SIZES).speed(speed);
+        let value = DragValue::new(&mut options.station_size)
+            .prefix("x ")
+            .range(STATION_SIZES)
+            .speed(speed);
         ui.add(value).labelled_by(label.id);
     });
 }

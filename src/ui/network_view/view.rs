@@ -148,13 +148,20 @@ impl NetworkView {
         response.widget_info(|| WidgetInfo::labeled(egui::Role::Image, true, "3D view"));
         let canvas = response.rect;
         self.canvas = Some(canvas);
-        let theme = if ui.visuals().dark_mode { egui::Theme::Dark } else { egui::Theme::Light };
+        let theme = if ui.visuals().dark_mode {
+            egui::Theme::Dark
+        } else {
+            egui::Theme::Light
+        };
         let time = ui.input(|input| input.time) as f32;
         self.update(network, selection, theme, time);
-        let Some(scene) = self.scene.take() else { return };
+        let Some(scene) = self.scene.take() else {
+            return;
+        };
         if scene.is_empty() {
             self.fitted = false;
-            ui.painter_at(canvas).rect_filled(canvas, 0.0, scene.palette.canvas);
+            ui.painter_at(canvas)
+                .rect_filled(canvas, 0.0, scene.palette.canvas);
             invite(ui, canvas, actions);
         } else {
             self.move_viewpoint(&scene, canvas);
@@ -172,12 +179,18 @@ impl NetworkView {
 
     /// Makes scene and highlight anew where what they come from is another.
     fn update(&mut self, network: &Network, selection: &Selection, theme: egui::Theme, time: f32) {
-        let same_scene = self.scene.as_ref().is_some_and(|scene| scene.is_of(network, &self.options, theme));
+        let same_scene = self
+            .scene
+            .as_ref()
+            .is_some_and(|scene| scene.is_of(network, &self.options, theme));
         if !same_scene {
             self.note_births(network, time);
             let scene = Scene::new(network, &self.options, theme, &self.births);
             self.scenes_made += 1;
-            let count = Count { stations: scene.stations.len(), points: scene.points.len() };
+            let count = Count {
+                stations: scene.stations.len(),
+                points: scene.points.len(),
+            };
             if count != self.now {
                 self.before = std::mem::replace(&mut self.now, count);
             }
@@ -213,8 +226,16 @@ impl NetworkView {
             self.camera.fit(scene.places(), canvas);
         }
         if let Some(selection) = self.look_at.take() {
-            let point = selection.point.and_then(|id| scene.point(id)).map(|point| point.position);
-            let station = || selection.image.and_then(|id| scene.station(id)).map(|station| station.centre);
+            let point = selection
+                .point
+                .and_then(|id| scene.point(id))
+                .map(|point| point.position);
+            let station = || {
+                selection
+                    .image
+                    .and_then(|id| scene.station(id))
+                    .map(|station| station.centre)
+            };
             if let Some(place) = point.or_else(station) {
                 self.camera.target = place;
             }
@@ -233,18 +254,23 @@ impl NetworkView {
             self.camera.pan(drag, canvas);
         }
         if let Some(pointer) = response.hover_pos() {
-            let (scroll, pinch) = ui.input(|input| (input.smooth_scroll_delta().y, input.zoom_delta()));
+            let (scroll, pinch) =
+                ui.input(|input| (input.smooth_scroll_delta().y, input.zoom_delta()));
             let factor = f64::from((-scroll / SCROLL_PER_E).exp() / pinch);
             if (factor - 1.0).abs() > 1e-6 {
                 let under = pick(scene, &self.options, &self.camera, canvas, pointer);
                 let projector = self.camera.projector(canvas);
                 // Between the points there is nothing to hold on to but the target's depth.
                 let depth = under.map_or(self.camera.distance, |picked| picked.seen.depth);
-                self.camera.zoom(projector.unproject(pointer, depth), factor);
+                self.camera
+                    .zoom(projector.unproject(pointer, depth), factor);
             }
         }
         let typing = ui.ctx().egui_wants_keyboard_input() && !response.has_focus();
-        if (response.hovered() || response.has_focus()) && !typing && ui.input(|input| input.key_pressed(Key::F)) {
+        if (response.hovered() || response.has_focus())
+            && !typing
+            && ui.input(|input| input.key_pressed(Key::F))
+        {
             self.camera.fit(scene.places(), canvas);
         }
         if response.has_focus() {
@@ -254,7 +280,11 @@ impl NetworkView {
 
     /// Arrows turn, with shift they shift; plus and minus move nearer and away.
     fn take_keys(&mut self, ui: &egui::Ui, response: &egui::Response) {
-        let filter = egui::EventFilter { horizontal_arrows: true, vertical_arrows: true, ..Default::default() };
+        let filter = egui::EventFilter {
+            horizontal_arrows: true,
+            vertical_arrows: true,
+            ..Default::default()
+        };
         ui.memory_mut(|memory| memory.set_focus_lock_filter(response.id, filter));
         let pressed = |key| ui.input(|input| input.key_pressed(key));
         let step = [
@@ -296,10 +326,13 @@ impl NetworkView {
         }
         let painter = ui.painter_at(canvas);
         let frame = render::Frame {
-            view: ui.id().value(),
+            view: ui.scope_id().value(),
             rect: canvas,
             uniform: render::ViewUniform {
-                clip_from_scene: self.camera.clip_from_scene(scene.origin, canvas).to_cols_array_2d(),
+                clip_from_scene: self
+                    .camera
+                    .clip_from_scene(scene.origin, canvas)
+                    .to_cols_array_2d(),
                 towards: self.camera.towards().as_vec3().extend(0.0).to_array(),
                 size_px: [1.0; 2],
                 px_per_point: 1.0,
@@ -315,7 +348,15 @@ impl NetworkView {
         };
         painter.rect_filled(canvas, 0.0, scene.palette.canvas);
         painter.add(frame.shape());
-        overlay::draw_names(&painter, canvas, scene, network, &self.options, &self.camera, selection.point);
+        overlay::draw_names(
+            &painter,
+            canvas,
+            scene,
+            network,
+            &self.options,
+            &self.camera,
+            selection.point,
+        );
         overlay::draw_axes(&painter, canvas, scene, &self.camera);
         overlay::draw_length_scale(&painter, canvas, scene, &self.camera);
         legend::draw(ui, canvas, scene, &self.highlight, &self.options, theme);
@@ -328,7 +369,7 @@ impl NetworkView {
             egui::FontId::proportional(12.0),
             scene.palette.text,
         );
-        ui.interact(place, ui.id().with("counter"), Sense::hover())
+        ui.interact(place, ui.scope_id().with("counter"), Sense::hover())
             .widget_info(|| WidgetInfo::labeled(egui::Role::Label, true, &text));
     }
 
@@ -357,10 +398,22 @@ impl NetworkView {
         picked: Option<Picked>,
         theme: egui::Theme,
     ) {
-        let (Some(picked), Some(pointer)) = (picked, response.hover_pos()) else { return };
+        let (Some(picked), Some(pointer)) = (picked, response.hover_pos()) else {
+            return;
+        };
         let painter = ui.painter_at(response.rect);
-        painter.circle_stroke(picked.seen.position, 7.0, egui::Stroke::new(1.5, selected_colour(theme)));
-        overlay::draw_plate(&painter, response.rect, scene, pointer, overlay::describe(network, picked.target));
+        painter.circle_stroke(
+            picked.seen.position,
+            7.0,
+            egui::Stroke::new(1.5, selected_colour(theme)),
+        );
+        overlay::draw_plate(
+            &painter,
+            response.rect,
+            scene,
+            pointer,
+            overlay::describe(network, picked.target),
+        );
         ui.ctx().set_cursor_icon(egui::CursorIcon::PointingHand);
     }
 }
@@ -368,9 +421,15 @@ impl NetworkView {
 /// The empty canvas: what comes first, and a button for it.
 fn invite(ui: &mut egui::Ui, canvas: Rect, actions: &mut Vec<Action>) {
     let centre = canvas.center();
-    ui.put(Rect::from_center_size(centre, Vec2::new(canvas.width(), 20.0)), egui::Label::new(NOTHING_YET));
+    ui.put(
+        Rect::from_center_size(centre, Vec2::new(canvas.width(), 20.0)),
+        egui::Label::new(NOTHING_YET),
+    );
     let place = Rect::from_center_size(centre + Vec2::new(0.0, 30.0), Vec2::new(140.0, 24.0));
-    if ui.put(place, egui::Button::new("Run the first pair")).clicked() {
+    if ui
+        .put(place, egui::Button::new("Run the first pair"))
+        .clicked()
+    {
         actions.push(Action::Run(RunRequest::Until(Stage::FirstPair)));
     }
 }
@@ -388,8 +447,16 @@ fn click(
     }
     let wanted = match picked.map(|picked| picked.target) {
         Some(Target::Point(id)) => select_point(network, selection, id),
-        Some(Target::Station(id)) => Selection { image: Some(id), dot: None, ..selection.clone() },
-        None => Selection { point: None, dot: None, ..selection.clone() },
+        Some(Target::Station(id)) => Selection {
+            image: Some(id),
+            dot: None,
+            ..selection.clone()
+        },
+        None => Selection {
+            point: None,
+            dot: None,
+            ..selection.clone()
+        },
     };
     if picked.is_some() && response.double_clicked() {
         actions.push(Action::LookAt(wanted));
@@ -402,7 +469,14 @@ fn click(
 fn select_point(network: &Network, selection: &Selection, id: PointId) -> Selection {
     let dot = selection.image.and_then(|image| {
         let labels = &network.images.get(&image)?.labels;
-        labels.iter().find(|(_, label)| label.point == id).map(|(dot, _)| (image, *dot))
+        labels
+            .iter()
+            .find(|(_, label)| label.point == id)
+            .map(|(dot, _)| (image, *dot))
     });
-    Selection { point: Some(id), image: selection.image, dot }
+    Selection {
+        point: Some(id),
+        image: selection.image,
+        dot,
+    }
 }
