@@ -265,7 +265,8 @@ impl Scene {
                 position,
                 size: POINT_SIZE * if marker == Marker::Disc { 1.0 } else { 1.5 },
                 colour: bytes(colour),
-                rim: bytes(self.palette.rim),
+                // Half of the colour stays, so that many points side by side do not turn dark.
+                rim: bytes(colour.lerp_to_gamma(self.palette.rim, 0.5)),
                 marker: marker as u32,
             });
             let root = self
