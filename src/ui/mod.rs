@@ -9,4 +9,5 @@ pub mod context;
 pub mod format;
 pub mod image_view;
 pub mod pictures;
+pub mod network_view;
 pub mod theme;
