@@ -4,13 +4,14 @@
 //! are drawn, so that 100,000 observations scroll.
 
 mod rows;
+mod values;
 
 pub(super) use rows::{INTERIOR_UNITS, LENGTHS};
 
 use egui::{Button, Label, RichText, Sense, TextStyle, TextWrapMode, Ui};
 use egui_extras::{Column, TableBuilder};
 
-use self::rows::{Cell, Order, Sort, Table, as_text};
+use self::values::{Cell, Order, Sort, Table, as_text};
 use super::basis::Cached;
 use super::stale::from_adjustment;
 use crate::ui::action::{Action, Selection};

@@ -1,31 +1,22 @@
-//! Rows of the tables as values: built, sorted, filtered and written as text without a window.
+//! The rows of each table, built from the network.
 
-use std::cmp::Ordering;
 use std::collections::BTreeMap;
-use std::fmt;
 use std::sync::Arc;
 
 use nalgebra::Vector3;
 
 use super::TableKind;
+use super::values::{Cell, Row, Table, TableColumn, column};
 use crate::camera::INTERIOR_NAMES;
 use crate::geometry::OmegaPhiKappa;
-use crate::network::{BarRole, ImageId, ImageUse, Network, PointId, Standing};
+use crate::network::{
+    AdjustedObservation, BarRole, ImageId, ImageUse, Network, Point, PointId, ScaleBar, Standing,
+};
 use crate::ui::action::Selection;
 use crate::ui::format::digits_of_sigma;
-use crate::ui::panels::facts::{image_facts, select_image, select_observation, select_point};
-
-/// A column of a table.
-pub(super) struct TableColumn {
-    /// Its name with the unit.
-    pub(super) title: &'static str,
-    /// Its width at first, points.
-    pub(super) width: f32,
-}
-
-const fn column(title: &'static str, width: f32) -> TableColumn {
-    TableColumn { title, width }
-}
+use crate::ui::panels::facts::{
+    ImageFacts, image_facts, select_image, select_observation, select_point,
+};
 
 const POINTS: &[TableColumn] = &[
     column("point", 80.0),
@@ -100,146 +91,6 @@ pub(in crate::ui::panels) const INTERIOR_UNITS: [&str; 10] = [
 /// Parameters given in mm; the others are small and are written with an exponent.
 pub(in crate::ui::panels) const LENGTHS: usize = 3;
 
-/// What stands in one place of a table.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) enum Cell {
-    /// Nothing is known.
-    Empty,
-    /// A text; texts that stand in many rows are shared.
-    Text(Arc<str>),
-    /// A number with so many digits.
-    Number {
-        /// The number.
-        value: f64,
-        /// Digits after the point.
-        digits: u8,
-    },
-    /// A small number, written with an exponent.
-    Small(f64),
-}
-
-impl Cell {
-    fn text(text: impl Into<Arc<str>>) -> Self {
-        Cell::Text(text.into())
-    }
-
-    fn number(value: f64, digits: usize) -> Self {
-        Cell::Number {
-            value,
-            digits: digits as u8,
-        }
-    }
-
-    fn count(value: usize) -> Self {
-        Cell::number(value as f64, 0)
-    }
-
-    fn known(value: Option<f64>, digits: usize) -> Self {
-        value.map_or(Cell::Empty, |v| Cell::number(v, digits))
-    }
-
-    fn value(&self) -> Option<f64> {
-        match self {
-            Cell::Number { value, .. } | Cell::Small(value) => Some(*value),
-            _ => None,
-        }
-    }
-}
-
-impl fmt::Display for Cell {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Cell::Empty => Ok(()),
-            Cell::Text(text) => f.write_str(text),
-            Cell::Number { value, digits } => {
-                let text = format!("{value:.*}", usize::from(*digits));
-                // What rounds to zero has no sign.
-                let zero = text.bytes().all(|c| matches!(c, b'-' | b'0' | b'.'));
-                f.write_str(if zero {
-                    text.trim_start_matches('-')
-                } else {
-                    &text
-                })
-            }
-            Cell::Small(value) => write!(f, "{value:.3e}"),
-        }
-    }
-}
-
-/// A row, and what a click on it selects.
-pub(super) struct Row {
-    pub(super) selection: Selection,
-    /// Whether it takes no part.
-    pub(super) muted: bool,
-    pub(super) cells: Vec<Cell>,
-}
-
-impl Row {
-    /// Whether it is about what is selected.
-    pub(super) fn is_selected(&self, selection: &Selection) -> bool {
-        let own = &self.selection;
-        match (own.dot, own.point, own.image) {
-            (Some(_), point, _) => match selection.dot {
-                Some(_) => own.dot == selection.dot,
-                None => point.is_some() && point == selection.point,
-            },
-            (None, Some(_), _) => own.point == selection.point,
-            (None, None, Some(_)) => own.image == selection.image,
-            (None, None, None) => false,
-        }
-    }
-}
-
-/// A table with all its rows.
-pub(super) struct Table {
-    pub(super) columns: &'static [TableColumn],
-    pub(super) rows: Vec<Row>,
-    /// What to say where there are none.
-    pub(super) empty: &'static str,
-}
-
-/// Places of rows in the order in which they are shown.
-pub(super) type Order = Vec<u32>;
-
-/// By which column rows are sorted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Sort {
-    column: usize,
-    direction: Direction,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Direction {
-    Up,
-    Down,
-}
-
-impl Sort {
-    /// The sort after a click on a header: up at first, then down, then up again.
-    pub(super) fn clicked(before: Option<Sort>, column: usize) -> Sort {
-        let up = Sort {
-            column,
-            direction: Direction::Up,
-        };
-        match before {
-            Some(sort) if sort == up => Sort {
-                direction: Direction::Down,
-                ..up
-            },
-            _ => up,
-        }
-    }
-
-    /// The mark behind a header.
-    pub(super) fn mark(sort: Option<Sort>, column: usize) -> &'static str {
-        match sort.filter(|s| s.column == column).map(|s| s.direction) {
-            None => "",
-            Some(Direction::Up) => "⬆",
-            Some(Direction::Down) => "⬇",
-        }
-    }
-}
-
 impl Table {
     /// The table of a network.
     pub(super) fn of(kind: TableKind, network: &Network) -> Self {
@@ -260,88 +111,6 @@ impl Table {
             empty,
         }
     }
-
-    /// The rows of which a text holds the filter (lower case), sorted; rows without a value stand last either way.
-    pub(super) fn order(&self, sort: Option<Sort>, filter: &str) -> Order {
-        let mut order: Order = (0..self.rows.len() as u32)
-            .filter(|row| self.holds(*row, filter))
-            .collect();
-        if let Some(Sort { column, direction }) = sort {
-            let cell = |row: u32| &self.rows[row as usize].cells[column];
-            order.sort_by(|a, b| compare(cell(*a), cell(*b), direction));
-        }
-        order
-    }
-
-    fn holds(&self, row: u32, filter: &str) -> bool {
-        let mut cells = self.rows[row as usize].cells.iter();
-        filter.is_empty()
-            || cells.any(|cell| match cell {
-                Cell::Text(text) => text.to_lowercase().contains(filter),
-                _ => false,
-            })
-    }
-}
-
-fn compare(a: &Cell, b: &Cell, direction: Direction) -> Ordering {
-    let turned = |order: Ordering| match direction {
-        Direction::Up => order,
-        Direction::Down => order.reverse(),
-    };
-    match (a, b) {
-        (Cell::Empty, Cell::Empty) => Ordering::Equal,
-        (Cell::Empty, _) => Ordering::Greater,
-        (_, Cell::Empty) => Ordering::Less,
-        (Cell::Text(a), Cell::Text(b)) => turned(natural(a, b)),
-        (Cell::Text(_), _) => Ordering::Greater,
-        (_, Cell::Text(_)) => Ordering::Less,
-        (a, b) => {
-            let [a, b] = [a, b].map(|c| c.value().unwrap_or(f64::NAN));
-            turned(a.total_cmp(&b))
-        }
-    }
-}
-
-/// The order in which people count: M2 before M10.
-fn natural(a: &str, b: &str) -> Ordering {
-    let (mut a, mut b) = (a, b);
-    loop {
-        let digits = |s: &str| s.find(|c: char| !c.is_ascii_digit()).unwrap_or(s.len());
-        let (number_a, number_b) = (digits(a), digits(b));
-        let order = if number_a > 0 && number_b > 0 {
-            let [x, y] = [&a[..number_a], &b[..number_b]].map(|n| n.trim_start_matches('0'));
-            (a, b) = (&a[number_a..], &b[number_b..]);
-            x.len().cmp(&y.len()).then_with(|| x.cmp(y))
-        } else {
-            let (mut rest_a, mut rest_b) = (a.chars(), b.chars());
-            let (x, y) = (rest_a.next(), rest_b.next());
-            if x.is_none() && y.is_none() {
-                return Ordering::Equal;
-            }
-            (a, b) = (rest_a.as_str(), rest_b.as_str());
-            x.cmp(&y)
-        };
-        if order.is_ne() {
-            return order;
-        }
-    }
-}
-
-/// The rows as shown, with tabs between the columns and a header.
-pub(super) fn as_text(table: &Table, order: &[u32]) -> String {
-    let titles: Vec<&str> = table.columns.iter().map(|c| c.title).collect();
-    let mut text = titles.join("\t");
-    for row in order {
-        text.push('\n');
-        for (place, cell) in table.rows[*row as usize].cells.iter().enumerate() {
-            if place > 0 {
-                text.push('\t');
-            }
-            text += &cell.to_string();
-        }
-    }
-    text.push('\n');
-    text
 }
 
 fn with_sigmas(values: &Vector3<f64>, sigmas: Option<Vector3<f64>>) -> Vec<Cell> {
@@ -356,7 +125,7 @@ fn root(variances: Vector3<f64>) -> Vector3<f64> {
 }
 
 fn points(network: &Network) -> Vec<Row> {
-    let row = |(id, point): (&PointId, &Arc<crate::network::Point>)| {
+    let row = |(id, point): (&PointId, &Arc<Point>)| {
         let mut cells = vec![
             Cell::text(network.label(*id)),
             Cell::text(id.kind().to_string()),
@@ -374,7 +143,7 @@ fn points(network: &Network) -> Vec<Row> {
 }
 
 fn images(network: &Network) -> Vec<Row> {
-    let row = |facts: crate::ui::panels::facts::ImageFacts| {
+    let row = |facts: ImageFacts| {
         let image = &network.images[&facts.id];
         let excluded = facts.usage == ImageUse::Excluded;
         let state = if excluded {
@@ -422,7 +191,7 @@ fn observations(network: &Network) -> Vec<Row> {
         .collect();
     let gone: Arc<str> = "an image that is gone".into();
     let (used, rejected): (Arc<str>, Arc<str>) = ("used".into(), "rejected".into());
-    let row = |o: &crate::network::AdjustedObservation| {
+    let row = |o: &AdjustedObservation| {
         let label = points.entry(o.point);
         let label = label
             .or_insert_with(|| network.label(o.point).into())
@@ -459,7 +228,7 @@ fn observations(network: &Network) -> Vec<Row> {
 
 fn bars(network: &Network) -> Vec<Row> {
     let results = network.adjustment.as_ref().map(|a| &a.bars);
-    let row = |bar: &crate::network::ScaleBar| {
+    let row = |bar: &ScaleBar| {
         let result = results.and_then(|r| r.iter().find(|r| r.name == bar.name));
         let role = match bar.role {
             BarRole::Control => "control",
@@ -530,6 +299,7 @@ fn cameras(network: &Network) -> Vec<Row> {
 mod tests {
     use super::*;
     use crate::ui::panels::fixture::network;
+    use crate::ui::panels::tables::values::{Sort, as_text};
 
     fn labels(table: &Table, order: &[u32]) -> Vec<String> {
         let row = |row: &u32| table.rows[*row as usize].cells[0].to_string();
@@ -539,7 +309,7 @@ mod tests {
     #[test]
     fn every_row_has_a_cell_for_each_column() {
         let mut network = network();
-        network.scale_bars = Arc::new(vec![crate::network::ScaleBar {
+        network.scale_bars = Arc::new(vec![ScaleBar {
             name: "bar".into(),
             from: "M1".into(),
             to: "C1".into(),
@@ -581,13 +351,6 @@ mod tests {
         for sort in [up, Sort::clicked(Some(up), 7)] {
             assert_eq!(labels(&table, &table.order(Some(sort), ""))[0], "img_1.png");
         }
-    }
-
-    #[test]
-    fn labels_are_sorted_as_people_count() {
-        let mut labels = vec!["M10", "M2", "C1.B", "C10.A", "C2.O", "M02"];
-        labels.sort_by(|a, b| natural(a, b));
-        assert_eq!(labels, ["C1.B", "C2.O", "C10.A", "M2", "M02", "M10"]);
     }
 
     #[test]
