@@ -157,7 +157,7 @@ mod tests {
     #[test]
     fn with_nothing_selected_it_shows_camera_and_precision() {
         let mut bench = bench(Selection::default());
-        bench.harness.get_by_label("20.13 mm");
+        bench.harness.get_by_label("20.12 mm");
         bench.harness.get_by_label("1.020");
         bench.change(|network| network.inputs += 1);
         bench.harness.get_by_label(BEFORE_LAST_EDITS);

@@ -1,6 +1,6 @@
 //! A point: coordinates, and its image in every picture that shows it.
 
-use egui::{Grid, Ui};
+use egui::{Grid, RichText, Ui};
 
 use super::{decision, facts, image_link};
 use crate::network::{PointId, PointKind};
@@ -94,7 +94,7 @@ fn row(
     };
     mark(ui, Some(colour));
     image_link(ui, context, sight.image, actions);
-    from_residual(ui, context, sight);
+    residual(ui, context, sight);
     let selection = select_observation(sight.image, sight.dot, Some(point));
     if ui
         .small_button("Look")
@@ -107,19 +107,17 @@ fn row(
     decision(ui, context, sight.image, sight.dot, rejected, actions);
 }
 
-fn from_residual(ui: &mut Ui, context: &ViewContext<'_>, sight: &Sight) {
+fn residual(ui: &mut Ui, context: &ViewContext<'_>, sight: &Sight) {
     let Some((residual, test)) = sight.residual else {
         ui.weak("none yet");
         ui.weak("");
         return;
     };
-    let fresh = context.network.adjustment_is_fresh();
+    let text = |text: String| match context.network.adjustment_is_fresh() {
+        true => RichText::new(text),
+        false => RichText::new(text).weak(),
+    };
     let hover = format!("x {}, y {}", pixels(residual.x), pixels(residual.y));
-    ui.add_enabled_ui(true, |ui| {
-        if !fresh {
-            ui.multiply_opacity(0.5);
-        }
-        ui.label(pixels(residual.norm())).on_hover_text(hover);
-    });
-    ui.label(format!("{test:.1}"));
+    ui.label(text(pixels(residual.norm()))).on_hover_text(hover);
+    ui.label(text(format!("{test:.1}")));
 }

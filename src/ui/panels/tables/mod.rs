@@ -8,10 +8,10 @@ mod values;
 
 pub(super) use rows::{INTERIOR_UNITS, LENGTHS};
 
-use egui::{Button, Label, RichText, Sense, TextStyle, TextWrapMode, Ui};
+use egui::{Button, Label, RichText, Sense, Shape, Stroke, TextStyle, TextWrapMode, Ui, vec2};
 use egui_extras::{Column, TableBuilder};
 
-use self::values::{Cell, Order, Sort, Table, as_text};
+use self::values::{Cell, Direction, Order, Sort, Table, as_text};
 use super::basis::Cached;
 use super::stale::from_adjustment;
 use crate::ui::action::{Action, Selection};
@@ -171,7 +171,7 @@ fn draw(
             .header(height, |mut header| {
                 for (index, column) in table.columns.iter().enumerate() {
                     header.col(|ui| {
-                        if title(ui, column.title, Sort::mark(sort, index)) {
+                        if title(ui, column.title, Sort::direction_of(sort, index)) {
                             clicks.header = Some(index);
                         }
                     });
@@ -197,10 +197,27 @@ fn draw(
     clicks
 }
 
-fn title(ui: &mut Ui, text: &str, mark: &str) -> bool {
+fn title(ui: &mut Ui, text: &str, direction: Option<Direction>) -> bool {
     let button = ui.add(Button::new(RichText::new(text).strong()).frame(false));
-    ui.weak(mark);
+    if let Some(direction) = direction {
+        arrow(ui, direction);
+    }
     button.on_hover_text("Sort by this column").clicked()
+}
+
+/// Side of the mark behind a sorted header, points.
+const ARROW: f32 = 8.0;
+
+/// A triangle: it points to the end where the large values stand.
+fn arrow(ui: &mut Ui, direction: Direction) {
+    let (rect, _) = ui.allocate_exact_size(vec2(ARROW, ARROW), Sense::empty());
+    let corners = match direction {
+        Direction::Up => vec![rect.left_top(), rect.right_top(), rect.center_bottom()],
+        Direction::Down => vec![rect.left_bottom(), rect.right_bottom(), rect.center_top()],
+    };
+    let colour = ui.visuals().text_color();
+    ui.painter()
+        .add(Shape::convex_polygon(corners, colour, Stroke::NONE));
 }
 
 fn draw_cell(ui: &mut Ui, cell: &Cell, muted: bool) {
@@ -241,8 +258,9 @@ mod tests {
         assert_eq!(bench.actions(), [Action::Select(select_point(point))]);
         bench.harness.get_by_label("Observations").click();
         bench.actions();
-        bench.harness.get_by_label("M1").click();
-        let seen = select_observation(ImageId(1), DotIndex(1), Some("M1".parse().unwrap()));
+        bench.harness.get_by_label("X1").click();
+        let cross = Some("cross:1".parse().unwrap());
+        let seen = select_observation(ImageId(1), DotIndex(2), cross);
         assert_eq!(bench.actions(), [Action::Select(seen)]);
     }
 

@@ -126,9 +126,12 @@ pub(super) struct Sort {
     direction: Direction,
 }
 
+/// Which end comes first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Direction {
+pub(super) enum Direction {
+    /// Smallest first.
     Up,
+    /// Largest first.
     Down,
 }
 
@@ -148,13 +151,9 @@ impl Sort {
         }
     }
 
-    /// The mark behind a header.
-    pub(super) fn mark(sort: Option<Sort>, column: usize) -> &'static str {
-        match sort.filter(|s| s.column == column).map(|s| s.direction) {
-            None => "",
-            Some(Direction::Up) => "⬆",
-            Some(Direction::Down) => "⬇",
-        }
+    /// How this column is sorted; `None` where another is.
+    pub(super) fn direction_of(sort: Option<Sort>, column: usize) -> Option<Direction> {
+        sort.filter(|s| s.column == column).map(|s| s.direction)
     }
 }
 
