@@ -1,6 +1,6 @@
 //! Findings: sentences with a link to what they are about.
 
-use egui::{TextStyle, TextWrapMode, Ui};
+use egui::{Align, Layout, TextStyle, TextWrapMode, Ui};
 use egui_extras::{Column, TableBuilder};
 
 use super::facts::{mark, select_image, select_point};
@@ -42,6 +42,7 @@ impl Findings {
         TableBuilder::new(ui)
             .striped(true)
             .auto_shrink(false)
+            .cell_layout(Layout::left_to_right(Align::Center))
             .column(Column::exact(14.0))
             .column(Column::initial(90.0))
             .column(Column::remainder().clip(true))

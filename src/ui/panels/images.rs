@@ -1,6 +1,6 @@
 //! The list of images.
 
-use egui::{RichText, Sense, TextStyle, TextWrapMode, Ui};
+use egui::{Align, Layout, RichText, Sense, TextStyle, TextWrapMode, Ui};
 use egui_extras::{Column, TableBuilder, TableRow};
 
 use super::basis::Cached;
@@ -46,6 +46,7 @@ impl Images {
             .striped(true)
             .auto_shrink(false)
             .sense(Sense::click())
+            .cell_layout(Layout::left_to_right(Align::Center))
             .column(Column::initial(130.0).resizable(true).clip(true))
             .columns(Column::initial(52.0).resizable(true).clip(true), 3)
             .column(Column::initial(82.0).resizable(true).clip(true))

@@ -5,7 +5,7 @@ use egui::Ui;
 use crate::network::Network;
 
 /// Opacity of numbers that are older than the inputs.
-const FADED: f32 = 0.5;
+const FADED: f32 = 0.65;
 
 /// What stands above them.
 pub(super) const BEFORE_LAST_EDITS: &str = "before your last edits";

@@ -36,16 +36,18 @@ pub(super) fn ui(ui: &mut Ui, context: &ViewContext<'_>) {
         ),
     ];
     facts(ui, "counts", &counts);
-    match &network.adjustment {
-        None => {
-            ui.weak("There is no adjustment yet: precision comes with it.");
+    from_adjustment(ui, network, |ui| {
+        match &network.adjustment {
+            None => {
+                ui.weak("There is no adjustment yet: precision comes with it.");
+            }
+            Some(adjustment) => precision(ui, network, adjustment),
         }
-        Some(adjustment) => from_adjustment(ui, network, |ui| precision(ui, network, adjustment)),
-    }
-    for (id, camera) in network.cameras.iter() {
-        ui.separator();
-        from_adjustment(ui, network, |ui| self::camera(ui, network, *id, camera));
-    }
+        for (id, camera) in network.cameras.iter() {
+            ui.separator();
+            self::camera(ui, network, *id, camera);
+        }
+    });
 }
 
 fn precision(ui: &mut Ui, network: &Network, adjustment: &AdjustmentResult) {

@@ -41,7 +41,7 @@ pub(super) fn ui(
         return;
     }
     let used = sights.iter().filter(|s| s.rejected.is_none()).count();
-    ui.label(format!("in {} images, used in {used}", sights.len()));
+    ui.label(format!("images: {}, used in {used}", sights.len()));
     Grid::new("sights")
         .num_columns(6)
         .striped(true)
