@@ -12,6 +12,9 @@ use crate::targets::{Dot, DotIndex};
 /// Reason of an operator's rejection, as shown and exported.
 pub const REJECTED_BY_OPERATOR: &str = "rejected by the operator";
 
+/// Reason of a reading that the operator set aside, as shown and exported.
+pub const SET_ASIDE_BY_OPERATOR: &str = "set aside by the operator";
+
 /// A change of the document by the operator.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Edit {
@@ -53,6 +56,13 @@ pub enum Edit {
         reading: usize,
         /// The right number.
         id: u32,
+    },
+    /// A code reading is no code, or another one: its dots lose its names.
+    SetAside {
+        /// The image.
+        image: ImageId,
+        /// Place of the reading in the detections.
+        reading: usize,
     },
     /// A dot measured by hand, with its point where it is known.
     AddDot {
@@ -119,6 +129,7 @@ impl Edit {
             Edit::Reject { image, .. } => format!("reject a dot in {}", path(image)),
             Edit::Restore { image, .. } => format!("restore a dot in {}", path(image)),
             Edit::Renumber { image, id, .. } => format!("renumber a code to {id} in {}", path(image)),
+            Edit::SetAside { image, .. } => format!("set a code aside in {}", path(image)),
             Edit::AddDot { image, .. } => format!("measure a dot by hand in {}", path(image)),
             Edit::UseImage { image, usage: ImageUse::Used } => format!("use {}", path(image)),
             Edit::UseImage { image, usage: ImageUse::Excluded } => format!("exclude {}", path(image)),
@@ -143,6 +154,7 @@ impl Edit {
             Edit::Reject { image, dot } => decide(network, *image, *dot, Some(REJECTED_BY_OPERATOR))?,
             Edit::Restore { image, dot } => decide(network, *image, *dot, None)?,
             Edit::Renumber { image, reading, id } => renumber(network, *image, *reading, *id)?,
+            Edit::SetAside { image, reading } => set_aside(network, *image, *reading)?,
             Edit::AddDot { image, dot, point } => {
                 let index = add_dot(network, *image, dot.clone())?;
                 if let Some(point) = point {
@@ -213,6 +225,17 @@ fn renumber(network: &mut Network, image: ImageId, reading: usize, id: u32) -> R
         name(network, image, *dot, point);
     }
     Arc::make_mut(&mut network.image_mut(image).set_aside).remove(&reading);
+    Ok(())
+}
+
+fn set_aside(network: &mut Network, image: ImageId, reading: usize) -> Result<(), EditError> {
+    let path = path_of(network, image)?;
+    let detections = network.images[&image].detections.clone();
+    let code = detections.as_ref().and_then(|d| d.codes.get(reading)).ok_or(EditError::NoReading { image: path })?;
+    let points = PointId::of_code(code.family, code.id);
+    let entry = network.image_mut(image);
+    Arc::make_mut(&mut entry.labels).retain(|dot, label| !(code.dots.contains(dot) && points.contains(&label.point)));
+    Arc::make_mut(&mut entry.set_aside).insert(reading, SET_ASIDE_BY_OPERATOR.to_owned());
     Ok(())
 }
 

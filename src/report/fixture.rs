@@ -15,7 +15,7 @@ use crate::network::{
 use crate::targets::{CodeReading, Detections, Dot, DotIndex, Family};
 
 /// Two images in use (one oriented), one excluded; three adjusted points; one code reading set aside.
-pub(super) fn network() -> Network {
+pub(crate) fn network() -> Network {
     let images = [
         (ImageId(1), Arc::new(oriented_image())),
         (ImageId(2), Arc::new(lost_image())),
@@ -109,6 +109,7 @@ fn image(number: u32, dots: u32) -> ImageEntry {
             doubt: None,
         }],
         rejected: Vec::new(),
+        by_hand: Vec::new(),
     }));
     image
 }
