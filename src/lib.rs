@@ -60,3 +60,5 @@ pub mod report;
 pub mod stages;
 pub mod synthetic;
 pub mod targets;
+pub mod ui;
+pub mod worker;

@@ -5,6 +5,7 @@
 //! commands. [`session`] is the one place that changes a document; [`intake`] takes images in, [`files`] reads what a
 //! user writes.
 
+pub mod edit;
 pub mod files;
 pub mod history;
 pub mod intake;

@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
 
-use super::history::{History, HistorySettings};
+use super::edit::{Edit, EditError};
+use super::history::{History, HistorySettings, Move};
 use super::intake::picture_path;
 use super::storage::{JournalLine, Opened, StorageError, Store, utc_text};
 use crate::imaging::{GreyImage, LoadSettings, load_picture};
@@ -79,6 +80,17 @@ impl Run {
             result,
         }
     }
+}
+
+/// Why an edit was not made.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    /// What it is about is gone.
+    #[error(transparent)]
+    Edit(#[from] EditError),
+    /// It cannot be saved.
+    #[error(transparent)]
+    Storage(#[from] StorageError),
 }
 
 /// How a finished step left its stage.
@@ -175,6 +187,59 @@ impl Session {
         let value = edit(&mut network)?;
         self.adopt(title, network, None)?;
         Ok(value)
+    }
+
+    /// Makes an edit of the operator.
+    ///
+    /// # Errors
+    /// [`SessionError`]: the edit cannot be made any more, or it cannot be saved; the document is unchanged then.
+    pub fn apply(&mut self, edit: &Edit) -> Result<(), SessionError> {
+        let title = edit.title(&self.network);
+        self.edit(&title, |network| Ok(edit.apply(network)?))
+    }
+
+    /// Takes the last step or edit back; returns its title, `None` where there is nothing to take back.
+    ///
+    /// # Errors
+    /// [`StorageError`] where the older state cannot be saved.
+    pub fn undo(&mut self) -> Result<Option<String>, StorageError> {
+        let moved = self.history.undo();
+        self.go_to(moved, "undo")
+    }
+
+    /// Does again what was taken back last; returns its title.
+    ///
+    /// # Errors
+    /// [`StorageError`] where the newer state cannot be saved.
+    pub fn redo(&mut self) -> Result<Option<String>, StorageError> {
+        let moved = self.history.redo();
+        self.go_to(moved, "redo")
+    }
+
+    /// The history of this session.
+    #[must_use]
+    pub fn history(&self) -> &History {
+        &self.history
+    }
+
+    /// Writes the document to another file; this one stays open.
+    ///
+    /// # Errors
+    /// [`StorageError`] where the file exists or cannot be written.
+    pub fn save_copy(&self, path: &Path) -> Result<(), StorageError> {
+        match &self.store {
+            Some(store) => store.save_copy(path),
+            None => Ok(()),
+        }
+    }
+
+    fn go_to(&mut self, moved: Option<Move>, verb: &str) -> Result<Option<String>, StorageError> {
+        let Some(Move { title, network }) = moved else { return Ok(None) };
+        if let Some(store) = &mut self.store {
+            store.save(&network, Some(&journal_line(&format!("{verb}: {title}"), &network, None)))?;
+        }
+        self.network = network;
+        Ok(Some(title))
     }
 
     /// Looks again for pictures that could not be read when their targets were to be detected (a drive that was not

@@ -15,7 +15,7 @@ use crate::network::{
 use crate::targets::{CodeReading, Detections, Dot, DotIndex, Family};
 
 /// Two images in use (one oriented), one excluded; three adjusted points; one code reading set aside.
-pub(super) fn network() -> Network {
+pub(crate) fn network() -> Network {
     let images = [
         (ImageId(1), Arc::new(oriented_image())),
         (ImageId(2), Arc::new(lost_image())),
@@ -97,6 +97,7 @@ fn image(number: u32, dots: u32) -> ImageEntry {
     };
     let mut image = ImageEntry::new(file, CameraId(1));
     image.detections = Some(Arc::new(Detections {
+        by_hand: Vec::new(),
         width_px: 3008,
         height_px: 1960,
         dots: (0..dots).map(dot).collect(),
@@ -108,6 +109,7 @@ fn image(number: u32, dots: u32) -> ImageEntry {
             doubt: None,
         }],
         rejected: Vec::new(),
+        by_hand: Vec::new(),
     }));
     image
 }

@@ -13,7 +13,7 @@ mod detect;
 mod export;
 mod file;
 #[cfg(test)]
-mod fixture;
+pub(crate) mod fixture;
 mod summary;
 mod truth_check;
 

@@ -97,6 +97,7 @@ pub fn detect(image: &GreyImage, families: &[Family], settings: &DetectSettings)
         dots,
         codes,
         rejected,
+        by_hand: Vec::new(),
     }
 }
 

@@ -73,4 +73,7 @@ pub struct Detections {
     pub codes: Vec<CodeReading>,
     /// Refused candidates.
     pub rejected: Vec<Rejected>,
+    /// Dots that the operator measured by hand; they stand behind the detected ones.
+    #[serde(default)]
+    pub by_hand: Vec<DotIndex>,
 }

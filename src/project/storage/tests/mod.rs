@@ -167,6 +167,7 @@ fn image(id: u32, next: &mut impl FnMut() -> f64) -> ImageEntry {
         background: next(),
     });
     let detections = Detections {
+        by_hand: Vec::new(),
         width_px: 4000,
         height_px: 3000,
         dots: dots.collect(),
@@ -181,6 +182,7 @@ fn image(id: u32, next: &mut impl FnMut() -> f64) -> ImageEntry {
             place_px: Vector2::new(next(), next()),
             reason: "too small".into(),
         }],
+        by_hand: Vec::new(),
     };
     let label = Label {
         point: PointId::of_code(Family::Ring(14), 57)[0],

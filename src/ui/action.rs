@@ -1,0 +1,63 @@
+//! What panels ask for; one place applies it after the frame.
+
+use std::path::PathBuf;
+
+use crate::network::{ImageId, PointId, Stage};
+use crate::project::edit::Edit;
+use crate::targets::DotIndex;
+
+/// What the operator has selected; shared by images, 3D view and tables.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Selection {
+    /// The selected point.
+    pub point: Option<PointId>,
+    /// The selected image.
+    pub image: Option<ImageId>,
+    /// The selected dot of an image.
+    pub dot: Option<(ImageId, DotIndex)>,
+}
+
+/// How far to run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RunRequest {
+    /// One step of the next stage that has one.
+    Step,
+    /// The next stage that is not done.
+    Stage,
+    /// Everything up to and including this stage.
+    Until(Stage),
+}
+
+/// What a panel, a key or a menu asks for.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Action {
+    /// Open a project file.
+    Open(PathBuf),
+    /// Ask for a project file.
+    AskOpen,
+    /// Make a project from a folder of images.
+    New {
+        /// Project file to make.
+        project: PathBuf,
+        /// Images.
+        images: Vec<PathBuf>,
+    },
+    /// Render the demo and measure it.
+    Demo,
+    /// Save a copy of the project.
+    SaveCopy(PathBuf),
+    /// Run stages.
+    Run(RunRequest),
+    /// Stop what runs.
+    Interrupt,
+    /// Change the document.
+    Edit(Edit),
+    /// Take the last step or edit back.
+    Undo,
+    /// Do it again.
+    Redo,
+    /// Select something.
+    Select(Selection),
+    /// Select something and bring it into view.
+    LookAt(Selection),
+}

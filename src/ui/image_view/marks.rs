@@ -1,0 +1,316 @@
+//! What is to be drawn over an image: gathered once from the document, drawn every frame.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use egui::Color32;
+use nalgebra::Vector2;
+
+use super::prediction::{Predicted, missed_targets};
+use crate::network::{
+    AdjustedObservation, AdjustmentResult, CameraEntry, CameraId, ImageEntry, ImageId, Network,
+    Point, PointId, Source, Standing,
+};
+use crate::targets::{Detections, Dot, DotIndex};
+use crate::ui::theme;
+
+/// What a dot counts for; each has its colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DotClass {
+    /// A named plain target or dot of the cross.
+    Used,
+    /// A dot of a code.
+    Code,
+    /// It has no name, or a doubtful one.
+    Doubtful,
+    /// It takes no part.
+    Rejected,
+}
+
+impl DotClass {
+    pub(super) fn colour(self) -> Color32 {
+        match self {
+            DotClass::Used => theme::USED,
+            DotClass::Code => theme::CODE,
+            DotClass::Doubtful => theme::DOUBTFUL,
+            DotClass::Rejected => theme::REJECTED,
+        }
+    }
+
+    pub(super) fn words(self) -> &'static str {
+        match self {
+            DotClass::Used => "used",
+            DotClass::Code => "used, dot of a code",
+            DotClass::Doubtful => "without a certain label",
+            DotClass::Rejected => "rejected",
+        }
+    }
+}
+
+/// A dot with all that is said of it.
+#[derive(Clone, Debug)]
+pub(super) struct Mark {
+    pub(super) index: DotIndex,
+    pub(super) dot: Dot,
+    /// Its name; in parentheses where only a code reading gives it.
+    pub(super) label: Option<String>,
+    pub(super) point: Option<PointId>,
+    pub(super) class: DotClass,
+    pub(super) origin: Origin,
+    /// Why it is rejected, doubtful or without a name.
+    pub(super) reason: Option<String>,
+    /// The code reading it belongs to, by its place in the detections.
+    pub(super) reading: Option<usize>,
+    pub(super) observation: Option<AdjustedObservation>,
+}
+
+/// Where a dot and its name come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Origin {
+    Automatic,
+    /// Named by the operator.
+    Named,
+    /// Measured by the operator.
+    Measured,
+}
+
+impl Origin {
+    pub(super) fn words(self) -> &'static str {
+        match self {
+            Origin::Automatic => "automatic",
+            Origin::Named => "labelled by the operator",
+            Origin::Measured => "measured by the operator",
+        }
+    }
+}
+
+/// A code with its axes.
+#[derive(Clone, Debug)]
+pub(super) struct CodeMark {
+    pub(super) label: String,
+    /// O, A, B of a six-dot code; the dot alone of a ring code.
+    pub(super) axes: Vec<Vector2<f64>>,
+    pub(super) doubt: Option<String>,
+}
+
+/// All marks of one image.
+#[derive(Debug, Default)]
+pub(super) struct Marks {
+    pub(super) dots: Vec<Mark>,
+    pub(super) codes: Vec<CodeMark>,
+    pub(super) detections: Option<Arc<Detections>>,
+    pub(super) missed: Vec<Predicted>,
+}
+
+impl Marks {
+    pub(super) fn of(&self, index: DotIndex) -> Option<&Mark> {
+        self.dots.get(index.slot())
+    }
+
+    /// The dot with a point's name.
+    pub(super) fn of_point(&self, point: PointId) -> Option<&Mark> {
+        self.dots.iter().find(|mark| mark.point == Some(point))
+    }
+}
+
+/// Marks of the last document that was looked at.
+#[derive(Default)]
+pub(super) struct MarksCache {
+    basis: Option<Basis>,
+    marks: Arc<Marks>,
+}
+
+/// What the marks come from; it is held, so that no other value can take its place in memory.
+struct Basis {
+    image: ImageId,
+    images: Arc<BTreeMap<ImageId, Arc<ImageEntry>>>,
+    points: Arc<BTreeMap<PointId, Arc<Point>>>,
+    cameras: Arc<BTreeMap<CameraId, Arc<CameraEntry>>>,
+    adjustment: Option<Arc<AdjustmentResult>>,
+}
+
+impl Basis {
+    fn of(network: &Network, image: ImageId) -> Self {
+        Self {
+            image,
+            images: Arc::clone(&network.images),
+            points: Arc::clone(&network.points),
+            cameras: Arc::clone(&network.cameras),
+            adjustment: network.adjustment.clone(),
+        }
+    }
+
+    fn is_of(&self, network: &Network, image: ImageId) -> bool {
+        let same_adjustment = match (&self.adjustment, &network.adjustment) {
+            (Some(a), Some(b)) => Arc::ptr_eq(a, b),
+            (None, None) => true,
+            _ => false,
+        };
+        self.image == image
+            && same_adjustment
+            && Arc::ptr_eq(&self.images, &network.images)
+            && Arc::ptr_eq(&self.points, &network.points)
+            && Arc::ptr_eq(&self.cameras, &network.cameras)
+    }
+}
+
+impl MarksCache {
+    pub(super) fn get(&mut self, network: &Network, image: ImageId) -> Arc<Marks> {
+        let known = self
+            .basis
+            .as_ref()
+            .is_some_and(|basis| basis.is_of(network, image));
+        if !known {
+            self.marks = Arc::new(gathered(network, image));
+            self.basis = Some(Basis::of(network, image));
+        }
+        Arc::clone(&self.marks)
+    }
+}
+
+fn gathered(network: &Network, image: ImageId) -> Marks {
+    let Some(entry) = network.images.get(&image) else {
+        return Marks::default();
+    };
+    let missed = missed_targets(network, image, entry);
+    let Some(detections) = &entry.detections else {
+        return Marks {
+            missed,
+            ..Marks::default()
+        };
+    };
+    let observations: BTreeMap<DotIndex, &AdjustedObservation> = network
+        .adjustment
+        .iter()
+        .flat_map(|adjustment| &adjustment.observations)
+        .filter(|observation| observation.image == image)
+        .map(|observation| (observation.dot, observation))
+        .collect();
+    let of_codes = dots_of_codes(entry, detections);
+    let dots = (0..)
+        .zip(&detections.dots)
+        .map(|(slot, dot)| {
+            let index = DotIndex(slot);
+            let code = of_codes.get(&index);
+            mark(
+                network,
+                entry,
+                (index, dot),
+                code,
+                observations.get(&index).copied(),
+            )
+        })
+        .collect();
+    let codes = detections
+        .codes
+        .iter()
+        .enumerate()
+        .map(|(reading, code)| CodeMark {
+            label: code.family.code_label(code.id),
+            axes: code
+                .dots
+                .iter()
+                .take(3)
+                .filter_map(|dot| detections.dots.get(dot.slot()))
+                .map(|dot| dot.centre_px)
+                .collect(),
+            doubt: entry
+                .set_aside
+                .get(&reading)
+                .or(code.doubt.as_ref())
+                .cloned(),
+        });
+    Marks {
+        dots,
+        codes: codes.collect(),
+        detections: Some(Arc::clone(detections)),
+        missed,
+    }
+}
+
+/// What a code reading says of one of its dots.
+struct OfCode {
+    reading: usize,
+    point: PointId,
+    doubt: Option<String>,
+}
+
+fn dots_of_codes(entry: &ImageEntry, detections: &Detections) -> BTreeMap<DotIndex, OfCode> {
+    let mut found = BTreeMap::new();
+    for (reading, code) in detections.codes.iter().enumerate() {
+        let doubt = entry.set_aside.get(&reading).or(code.doubt.as_ref());
+        for (dot, point) in code.dots.iter().zip(PointId::of_code(code.family, code.id)) {
+            found.insert(
+                *dot,
+                OfCode {
+                    reading,
+                    point,
+                    doubt: doubt.cloned(),
+                },
+            );
+        }
+    }
+    found
+}
+
+fn mark(
+    network: &Network,
+    entry: &ImageEntry,
+    (index, dot): (DotIndex, &Dot),
+    code: Option<&OfCode>,
+    observation: Option<&AdjustedObservation>,
+) -> Mark {
+    let label = entry.labels.get(&index);
+    // An observation of an older adjustment may be of another name.
+    let observation = observation.filter(|o| label.is_some_and(|label| label.point == o.point));
+    let by_hand = entry
+        .detections
+        .as_ref()
+        .is_some_and(|d| d.by_hand.contains(&index));
+    let origin = match label {
+        _ if by_hand => Origin::Measured,
+        Some(label) if label.source == Source::Operator => Origin::Named,
+        _ => Origin::Automatic,
+    };
+    let tested = observation.filter(|o| o.standing == Standing::Rejected);
+    let tested = tested.map(|o| format!("rejected by the adjustment, |w| {:.1}", o.test));
+    let (class, name, reason) = match (label, code) {
+        (Some(label), _) => {
+            let reason = label.rejected.clone().or(tested);
+            let class = match (&reason, label.point) {
+                (Some(_), _) => DotClass::Rejected,
+                (None, PointId::Code { .. }) => DotClass::Code,
+                (None, _) => DotClass::Used,
+            };
+            (class, Some(network.label(label.point)), reason)
+        }
+        (None, Some(code)) => {
+            let class = if code.doubt.is_some() {
+                DotClass::Doubtful
+            } else {
+                DotClass::Code
+            };
+            (
+                class,
+                Some(format!("({})", network.label(code.point))),
+                code.doubt.clone(),
+            )
+        }
+        (None, None) => (
+            DotClass::Doubtful,
+            None,
+            entry.unlabelled.get(&index).cloned(),
+        ),
+    };
+    Mark {
+        index,
+        dot: dot.clone(),
+        label: name,
+        point: label.map(|label| label.point),
+        class,
+        origin,
+        reason,
+        reading: code.map(|code| code.reading),
+        observation: observation.cloned(),
+    }
+}

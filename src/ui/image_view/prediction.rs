@@ -1,0 +1,218 @@
+//! Where targets should be: points projected into an image, and rays of other images projected as curves.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Vector2, Vector3};
+
+use crate::camera::Camera;
+use crate::geometry::Pose;
+use crate::network::{ImageEntry, ImageId, Network, PointId};
+use crate::targets::DotIndex;
+
+/// A dot nearer than this to a predicted place is taken for the target, px.
+const SAME_PLACE_PX: f64 = 3.0;
+/// More labels than this are not searched for the side that points are seen from: it would take longer than a frame.
+const MOST_LABELS: usize = 300_000;
+/// A point that is seen within this angle of the mean direction of its rays is turned to the camera: cos 50 degrees.
+const FACING_COS: f64 = 0.64;
+
+/// A point that an image should show and does not.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Predicted {
+    /// The point.
+    pub point: PointId,
+    /// Where it should be, px.
+    pub place_px: Vector2<f64>,
+    /// Whether it is turned to the camera, as far as its other rays tell.
+    pub facing: Facing,
+}
+
+/// Whether a point's face is turned to a camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Facing {
+    /// Other images see it from near this direction.
+    Towards,
+    /// It is seen from other sides only, or nothing is known of it.
+    Unknown,
+}
+
+/// A station with its camera.
+#[derive(Clone, Copy)]
+pub(super) struct Sight<'a> {
+    pub(super) pose: &'a Pose,
+    pub(super) camera: &'a Camera,
+}
+
+impl<'a> Sight<'a> {
+    pub(super) fn of(network: &'a Network, entry: &'a ImageEntry) -> Option<Self> {
+        let pose = &entry.station.as_ref()?.pose;
+        let camera = &network.cameras.get(&entry.camera)?.camera;
+        Some(Self { pose, camera })
+    }
+
+    /// The pixel of a point of the object, inside the picture or not.
+    pub(super) fn project(&self, point: &Vector3<f64>) -> Option<Vector2<f64>> {
+        self.camera.project(&self.pose.camera_from_point(point))
+    }
+}
+
+/// Points that should be in the image, are labelled nowhere in it, and have no dot near their place.
+#[must_use]
+pub fn missed_targets(network: &Network, image: ImageId, entry: &ImageEntry) -> Vec<Predicted> {
+    let Some(sight) = Sight::of(network, entry) else {
+        return Vec::new();
+    };
+    let mut rows: Vec<Vector2<f64>> = entry
+        .detections
+        .iter()
+        .flat_map(|d| &d.dots)
+        .map(|dot| dot.centre_px)
+        .collect();
+    rows.sort_by(|a, b| a.y.total_cmp(&b.y));
+    let mut labelled: Vec<PointId> = entry.labels.values().map(|label| label.point).collect();
+    labelled.sort_unstable();
+    let mut missed = Vec::new();
+    for (id, point) in network.points.iter() {
+        if labelled.binary_search(id).is_ok() {
+            continue;
+        }
+        let Some(place_px) = sight.project(&point.position) else {
+            continue;
+        };
+        if sight.camera.contains(&place_px) && !has_near(&rows, place_px) {
+            missed.push(Predicted {
+                point: *id,
+                place_px,
+                facing: Facing::Unknown,
+            });
+        }
+    }
+    let directions = directions_of(network, image, &missed);
+    for predicted in &mut missed {
+        let towards = sight.pose.centre_in_world - network.points[&predicted.point].position;
+        let mean = directions.get(&predicted.point);
+        if mean.is_some_and(|mean| mean.normalize().dot(&towards.normalize()) > FACING_COS) {
+            predicted.facing = Facing::Towards;
+        }
+    }
+    missed
+}
+
+fn has_near(rows: &[Vector2<f64>], place: Vector2<f64>) -> bool {
+    let first = rows.partition_point(|dot| dot.y < place.y - SAME_PLACE_PX);
+    rows[first..]
+        .iter()
+        .take_while(|dot| dot.y <= place.y + SAME_PLACE_PX)
+        .any(|dot| (dot - place).norm() <= SAME_PLACE_PX)
+}
+
+/// Sums of the unit vectors from points to the stations that see them.
+fn directions_of(
+    network: &Network,
+    image: ImageId,
+    missed: &[Predicted],
+) -> BTreeMap<PointId, Vector3<f64>> {
+    let mut sums: BTreeMap<PointId, Vector3<f64>> = missed
+        .iter()
+        .map(|predicted| (predicted.point, Vector3::zeros()))
+        .collect();
+    let labels: usize = network
+        .oriented_images()
+        .map(|(_, entry, _)| entry.labels.len())
+        .sum();
+    if labels > MOST_LABELS || sums.is_empty() {
+        return BTreeMap::new();
+    }
+    for (_, entry, station) in network.oriented_images().filter(|(id, ..)| *id != image) {
+        for (_, label) in entry.used_labels() {
+            if let Some(sum) = sums.get_mut(&label.point) {
+                let ray = station.pose.centre_in_world - network.points[&label.point].position;
+                *sum += ray.normalize();
+            }
+        }
+    }
+    sums.retain(|_, sum| sum.norm() > 0.0);
+    sums
+}
+
+/// The images of the rays of a dot (or of all dots of a point) of other images: curves, bent by the lens.
+pub(super) fn epipolar_lines(
+    network: &Network,
+    image: ImageId,
+    dot: Option<(ImageId, DotIndex)>,
+    point: Option<PointId>,
+) -> Vec<Vec<Vector2<f64>>> {
+    /// Lines of so many other images are drawn at most.
+    const MOST_LINES: usize = 12;
+    let Some(sight) = network
+        .images
+        .get(&image)
+        .and_then(|entry| Sight::of(network, entry))
+    else {
+        return Vec::new();
+    };
+    let mut dots: Vec<(ImageId, DotIndex)> = Vec::new();
+    match (dot, point) {
+        (Some((other, dot)), _) if other != image => dots.push((other, dot)),
+        (_, Some(point)) => {
+            for (other, entry, _) in network.oriented_images().filter(|(id, ..)| *id != image) {
+                let label = entry.used_labels().find(|(_, label)| label.point == point);
+                dots.extend(label.map(|(dot, _)| (other, dot)));
+            }
+        }
+        _ => {}
+    }
+    dots.truncate(MOST_LINES);
+    dots.into_iter()
+        .filter_map(|(other, dot)| {
+            let entry = network.images.get(&other)?;
+            let place = entry.detections.as_ref()?.dots.get(dot.slot())?.centre_px;
+            let from = Sight::of(network, entry)?;
+            let depths = depths_from(network, from.pose)?;
+            Some(image_of_ray(&from, place, depths, &sight))
+        })
+        .flatten()
+        .collect()
+}
+
+/// Nearest and farthest distance of the points from a station, with room on both sides, mm.
+fn depths_from(network: &Network, pose: &Pose) -> Option<[f64; 2]> {
+    let distances = network
+        .points
+        .values()
+        .map(|p| (p.position - pose.centre_in_world).norm());
+    let (near, far) = distances.fold((f64::INFINITY, 0.0_f64), |(near, far), d| {
+        (near.min(d), far.max(d))
+    });
+    (near.is_finite() && far > 0.0).then_some([0.4 * near, 2.5 * far])
+}
+
+/// The ray of a place, sampled at even steps of the inverse distance; cut where it leaves the picture.
+fn image_of_ray(
+    from: &Sight<'_>,
+    place: Vector2<f64>,
+    [near, far]: [f64; 2],
+    into: &Sight<'_>,
+) -> Vec<Vec<Vector2<f64>>> {
+    const STEPS: u32 = 96;
+    let direction = from
+        .pose
+        .world_from_direction(&from.camera.ray(&place))
+        .normalize();
+    let mut pieces = vec![Vec::new()];
+    for step in 0..=STEPS {
+        let share = f64::from(step) / f64::from(STEPS);
+        let depth = 1.0 / ((1.0 - share) / near.max(1e-9) + share / far);
+        let pixel = into.project(&(from.pose.centre_in_world + direction * depth));
+        match pixel.filter(|pixel| into.camera.contains(pixel)) {
+            Some(pixel) => pieces
+                .last_mut()
+                .into_iter()
+                .for_each(|piece| piece.push(pixel)),
+            None if pieces.last().is_some_and(|piece| !piece.is_empty()) => pieces.push(Vec::new()),
+            None => {}
+        }
+    }
+    pieces.retain(|piece| piece.len() > 1);
+    pieces
+}

@@ -1,0 +1,193 @@
+//! The list of images.
+
+use egui::{Align, Layout, RichText, Sense, TextStyle, TextWrapMode, Ui};
+use egui_extras::{Column, TableBuilder, TableRow};
+
+use super::basis::Cached;
+use super::facts::{ImageFacts, image_facts, mark, select_image};
+use super::stale::{BEFORE_LAST_EDITS, is_stale};
+use crate::network::ImageUse;
+use crate::project::edit::Edit;
+use crate::ui::action::Action;
+use crate::ui::context::ViewContext;
+use crate::ui::theme;
+
+/// The list of images with what became of each.
+#[derive(Default)]
+pub struct Images {
+    filter: String,
+    facts: Cached<(), Vec<ImageFacts>>,
+}
+
+impl Images {
+    /// Draws it.
+    pub fn ui(&mut self, ui: &mut Ui, context: &ViewContext<'_>, actions: &mut Vec<Action>) {
+        let network = context.network;
+        if network.images.is_empty() {
+            ui.weak("No images. Make a project from a folder, or drop pictures here.");
+            return;
+        }
+        let facts = self.facts.get(network, (), |()| image_facts(network));
+        ui.horizontal(|ui| {
+            let label = ui.label("Filter images");
+            ui.text_edit_singleline(&mut self.filter)
+                .labelled_by(label.id);
+        });
+        if is_stale(network) {
+            ui.weak(format!("rms px: {BEFORE_LAST_EDITS}"));
+        }
+        let shown = matching(facts, &self.filter);
+        let height = ui.text_style_height(&TextStyle::Body) + 4.0;
+        ui.style_mut().wrap_mode = Some(TextWrapMode::Truncate);
+        let selected = shown
+            .iter()
+            .position(|f| context.selection.image == Some(f.id));
+        TableBuilder::new(ui)
+            .striped(true)
+            .auto_shrink(false)
+            .sense(Sense::click())
+            .cell_layout(Layout::left_to_right(Align::Center))
+            .column(Column::initial(130.0).resizable(true).clip(true))
+            .columns(Column::initial(52.0).resizable(true).clip(true), 3)
+            .column(Column::initial(82.0).resizable(true).clip(true))
+            .column(Column::initial(52.0).resizable(true).clip(true))
+            .column(Column::remainder().at_least(50.0).clip(true))
+            .header(height, |mut header| {
+                let names = [
+                    "image", "targets", "labelled", "codes", "state", "rms px", "findings",
+                ];
+                for name in names {
+                    header.col(|ui| {
+                        ui.strong(name);
+                    });
+                }
+            })
+            .body(|body| {
+                body.rows(height, shown.len(), |mut row| {
+                    row.set_selected(selected == Some(row.index()));
+                    let facts = shown[row.index()];
+                    cells(&mut row, facts, is_stale(network));
+                    answer(&row, facts, actions);
+                });
+            });
+    }
+}
+
+fn matching<'a>(facts: &'a [ImageFacts], filter: &str) -> Vec<&'a ImageFacts> {
+    let filter = filter.trim().to_lowercase();
+    facts
+        .iter()
+        .filter(|f| {
+            f.name.to_lowercase().contains(&filter) || f.orientation.word().starts_with(&filter)
+        })
+        .collect()
+}
+
+fn cells(row: &mut TableRow<'_, '_>, facts: &ImageFacts, stale: bool) {
+    let excluded = facts.usage == ImageUse::Excluded;
+    let text = |text: String| {
+        let text = RichText::new(text);
+        if excluded { text.weak() } else { text }
+    };
+    let plain =
+        |ui: &mut Ui, content: RichText| ui.add(egui::Label::new(content).selectable(false));
+    row.col(|ui| {
+        let name = text(facts.name.clone());
+        plain(ui, if excluded { name.strikethrough() } else { name }).on_hover_text(&facts.name);
+    });
+    for number in [facts.targets, facts.labelled, facts.codes] {
+        row.col(|ui| {
+            plain(ui, text(number.to_string()));
+        });
+    }
+    row.col(|ui| {
+        if excluded {
+            plain(ui, text("excluded".into()));
+            return;
+        }
+        mark(ui, facts.orientation.colour());
+        let response = plain(ui, text(facts.orientation.word().into()));
+        if let Some(reason) = facts.orientation.reason() {
+            response.on_hover_text(reason);
+        }
+    });
+    row.col(|ui| {
+        if let Some(rms) = facts.rms_px {
+            let rms = text(format!("{rms:.3}"));
+            plain(ui, if stale { rms.weak() } else { rms });
+        }
+    });
+    row.col(|ui| {
+        if !facts.findings.is_empty() {
+            mark(ui, Some(theme::DOUBTFUL));
+            plain(ui, text(facts.findings.len().to_string()))
+                .on_hover_text(facts.findings.join("\n"));
+        }
+    });
+}
+
+fn answer(row: &TableRow<'_, '_>, facts: &ImageFacts, actions: &mut Vec<Action>) {
+    let response = row.response();
+    let selection = select_image(facts.id);
+    if response.double_clicked() {
+        actions.push(Action::LookAt(selection));
+    } else if response.clicked() {
+        actions.push(Action::Select(selection));
+    }
+    response.context_menu(|ui| {
+        let (text, usage) = match facts.usage {
+            ImageUse::Used => ("Exclude this image", ImageUse::Excluded),
+            ImageUse::Excluded => ("Use this image", ImageUse::Used),
+        };
+        if ui.button(text).clicked() {
+            let image = facts.id;
+            actions.push(Action::Edit(Edit::UseImage { image, usage }));
+            ui.close();
+        }
+        if ui.button("Look at it").clicked() {
+            actions.push(Action::LookAt(select_image(facts.id)));
+            ui.close();
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::network::ImageId;
+    use crate::ui::panels::fixture::{Bench, network};
+    use egui_kittest::kittest::Queryable as _;
+
+    fn bench() -> Bench {
+        let mut panel = Images::default();
+        Bench::new(network(), move |ui, context, actions| {
+            panel.ui(ui, context, actions);
+        })
+    }
+
+    #[test]
+    fn the_filter_holds_names_and_states() {
+        let facts = image_facts(&network());
+        let names = |filter: &str| matching(&facts, filter).len();
+        assert_eq!(
+            (names(""), names("IMG_2"), names("orient"), names("x")),
+            (3, 1, 1, 0)
+        );
+    }
+
+    #[test]
+    fn a_click_selects_and_the_menu_excludes() {
+        let mut bench = bench();
+        bench.harness.get_by_label("failed");
+        bench.harness.get_by_label("img_1.png").click();
+        assert_eq!(bench.actions(), [Action::Select(select_image(ImageId(1)))]);
+        bench.harness.get_by_label("img_1.png").click_secondary();
+        bench.actions();
+        bench.harness.get_by_label("Exclude this image").click();
+        let expected = Action::Edit(Edit::UseImage {
+            image: ImageId(1),
+            usage: ImageUse::Excluded,
+        });
+        assert_eq!(bench.actions(), [expected]);
+    }
+}

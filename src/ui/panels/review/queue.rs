@@ -1,0 +1,130 @@
+//! Review items of all images, found a few images a frame and kept for each image until it is another.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use super::items::{ReviewItem, in_order, items_of_image};
+use crate::network::{
+    AdjustmentResult, CameraEntry, CameraId, ImageEntry, ImageId, Network, Point, PointId,
+};
+
+/// Points predicted in one frame, about two milliseconds of one core.
+const PREDICTIONS_A_FRAME: usize = 20_000;
+
+/// What every image's items depend on.
+struct Common {
+    cameras: Arc<BTreeMap<CameraId, Arc<CameraEntry>>>,
+    points: Arc<BTreeMap<PointId, Arc<Point>>>,
+    adjustment: Option<Arc<AdjustmentResult>>,
+}
+
+struct Found {
+    image: Arc<ImageEntry>,
+    items: Vec<Arc<ReviewItem>>,
+}
+
+/// The items found so far.
+#[derive(Default)]
+pub(super) struct Queue {
+    common: Option<Common>,
+    found: BTreeMap<ImageId, Found>,
+    sorted: Vec<Arc<ReviewItem>>,
+}
+
+impl Queue {
+    /// The items, best evidence first; complete where no image is left.
+    pub(super) fn items(&self) -> &[Arc<ReviewItem>] {
+        &self.sorted
+    }
+
+    /// Images that wait to be looked through; `None` where there is none.
+    pub(super) fn images_left(&self, network: &Network) -> Option<usize> {
+        let left = network
+            .used_images()
+            .count()
+            .saturating_sub(self.found.len());
+        (left > 0).then_some(left)
+    }
+
+    /// Looks through as many images as a frame has time for.
+    pub(super) fn advance(&mut self, network: &Network) {
+        let stands = self.common.as_ref().is_some_and(|c| c.holds(network));
+        if !stands {
+            self.common = Some(Common::of(network));
+            self.found.clear();
+        }
+        let before = self.found.len();
+        let present = |id: &ImageId, found: &Found| {
+            let image = network.images.get(id);
+            image.is_some_and(|i| Arc::ptr_eq(i, &found.image))
+        };
+        self.found.retain(|id, found| present(id, found));
+        let mut changed = !stands || self.found.len() != before;
+        let mut predictions = 0;
+        for (id, _) in network.used_images() {
+            if predictions >= PREDICTIONS_A_FRAME {
+                break;
+            }
+            if !self.found.contains_key(&id) {
+                let image = network.images[&id].clone();
+                let items = items_of_image(network, id, &image);
+                let items = items.into_iter().map(Arc::new).collect();
+                self.found.insert(id, Found { image, items });
+                predictions += network.points.len();
+                changed = true;
+            }
+        }
+        if changed && self.images_left(network).is_none() {
+            self.sorted = self
+                .found
+                .values()
+                .flat_map(|f| f.items.iter().cloned())
+                .collect();
+            self.sorted.sort_by(|a, b| in_order(a, b));
+        }
+    }
+}
+
+impl Common {
+    fn of(network: &Network) -> Self {
+        Self {
+            cameras: network.cameras.clone(),
+            points: network.points.clone(),
+            adjustment: network.adjustment.clone(),
+        }
+    }
+
+    fn holds(&self, network: &Network) -> bool {
+        let adjustment = match (&self.adjustment, &network.adjustment) {
+            (Some(a), Some(b)) => Arc::ptr_eq(a, b),
+            (None, None) => true,
+            _ => false,
+        };
+        adjustment
+            && Arc::ptr_eq(&self.cameras, &network.cameras)
+            && Arc::ptr_eq(&self.points, &network.points)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ui::panels::fixture::network;
+    use crate::ui::panels::review::review_items;
+
+    #[test]
+    fn the_queue_holds_what_the_plain_function_finds() {
+        let mut network = network();
+        let mut queue = Queue::default();
+        queue.advance(&network);
+        assert!(queue.images_left(&network).is_none());
+        let found = |queue: &Queue| -> Vec<ReviewItem> {
+            queue.items().iter().map(|i| i.as_ref().clone()).collect()
+        };
+        assert_eq!(found(&queue), review_items(&network));
+        assert!(!queue.items().is_empty());
+        network.image_mut(ImageId(1)).labels = Arc::default();
+        queue.advance(&network);
+        assert_eq!(found(&queue), review_items(&network));
+    }
+}

@@ -1,0 +1,163 @@
+//! Runs stages on the worker, step after step, and keeps edits that come while a step is under way.
+//!
+//! The window, the commands and the tests use the same three calls: `session.begin`, `run.compute`, `session.finish`.
+
+use std::sync::Arc;
+
+use super::action::RunRequest;
+use crate::monitor::{Monitor, Progress};
+use crate::network::Stage;
+use crate::project::edit::Edit;
+use crate::project::session::{Computed, Finished, Session};
+use crate::worker::Worker;
+
+/// What is under way.
+struct Now {
+    request: RunRequest,
+    stage: Stage,
+    title: String,
+    monitor: Arc<Monitor>,
+}
+
+/// Runs stages on the worker.
+pub struct Runner {
+    worker: Worker<Computed>,
+    now: Option<Now>,
+    pending: Vec<Edit>,
+}
+
+impl Runner {
+    /// A runner with its own thread; `wake` is called whenever there is something to look at.
+    ///
+    /// # Errors
+    /// Where the system gives no thread.
+    pub fn new(wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
+        Ok(Self { worker: Worker::new("compute", wake)?, now: None, pending: Vec::new() })
+    }
+
+    /// Whether a step is under way.
+    #[must_use]
+    pub fn is_running(&self) -> bool {
+        self.now.is_some()
+    }
+
+    /// Whether the step under way was asked to stop.
+    #[must_use]
+    pub fn is_stopping(&self) -> bool {
+        self.now.as_ref().is_some_and(|now| now.monitor.is_interrupted())
+    }
+
+    /// The stage, the step and the progress of what is under way.
+    #[must_use]
+    pub fn progress(&self) -> Option<(Stage, &str, Progress)> {
+        self.now.as_ref().map(|now| (now.stage, now.title.as_str(), now.monitor.progress()))
+    }
+
+    /// Edits that wait for the end of the step.
+    #[must_use]
+    pub fn pending(&self) -> &[Edit] {
+        &self.pending
+    }
+
+    /// Begins what was asked for; returns lines for the operator.
+    pub fn start(&mut self, session: &mut Session, request: RunRequest) -> Vec<String> {
+        if self.is_running() {
+            return vec!["A step is under way; interrupt it first.".into()];
+        }
+        let mut lines = Vec::new();
+        self.begin_next(session, request, &mut lines);
+        if self.now.is_none() && lines.is_empty() {
+            lines.push("Nothing is left to do on the present inputs.".into());
+        }
+        lines
+    }
+
+    /// Asks the step under way to stop; what is finished is kept.
+    pub fn interrupt(&self) {
+        if let Some(now) = &self.now {
+            now.monitor.interrupt();
+        }
+    }
+
+    /// An edit: made at once, or kept until the step under way ends.
+    pub fn edit(&mut self, session: &mut Session, edit: Edit) -> Option<String> {
+        if self.is_running() {
+            self.pending.push(edit);
+            return None;
+        }
+        session.apply(&edit).err().map(|error| error.to_string())
+    }
+
+    /// Takes over what the worker finished, makes the edits that waited, and begins the next step; returns lines for the
+    /// operator. Called once a frame, never waits.
+    pub fn poll(&mut self, session: &mut Session) -> Vec<String> {
+        let mut lines = Vec::new();
+        while let Some(result) = self.worker.poll() {
+            let Some(now) = self.now.take() else { continue };
+            let go_on = match result {
+                Err(fault) => {
+                    lines.push(format!("{}: {fault}. Nothing that was finished is lost.", now.title));
+                    false
+                }
+                Ok(computed) => match session.finish(computed) {
+                    Err(error) => {
+                        lines.push(error.to_string());
+                        false
+                    }
+                    Ok(Finished::Interrupted) => {
+                        lines.push("Interrupted; all finished steps are kept.".into());
+                        false
+                    }
+                    Ok(Finished::Advanced) => now.request != RunRequest::Step,
+                    Ok(Finished::Concluded(outcome)) => {
+                        lines.push(format!("{}: {outcome}", now.stage));
+                        matches!(now.request, RunRequest::Until(last) if now.stage < last)
+                            && outcome != crate::network::Outcome::Failed
+                    }
+                },
+            };
+            for edit in std::mem::take(&mut self.pending) {
+                if let Err(error) = session.apply(&edit) {
+                    lines.push(format!("an edit could not be made any more: {error}"));
+                }
+            }
+            if go_on && !now.monitor.is_interrupted() {
+                self.begin_next(session, now.request, &mut lines);
+            }
+        }
+        lines
+    }
+
+    /// Begins the next step of the first stage that has one.
+    fn begin_next(&mut self, session: &mut Session, request: RunRequest, lines: &mut Vec<String>) {
+        let last = match request {
+            RunRequest::Until(stage) => stage,
+            RunRequest::Step | RunRequest::Stage => Stage::Adjust,
+        };
+        for stage in Stage::ALL.into_iter().filter(|stage| *stage <= last) {
+            match session.begin(stage) {
+                Err(error) => {
+                    lines.push(error.to_string());
+                    return;
+                }
+                Ok(Some(run)) => {
+                    let monitor = Arc::new(Monitor::new());
+                    self.now = Some(Now {
+                        request,
+                        stage,
+                        title: run.title().to_owned(),
+                        monitor: Arc::clone(&monitor),
+                    });
+                    self.worker.start(monitor, move |monitor| run.compute(monitor));
+                    return;
+                }
+                Ok(None) => {
+                    if let Some(missing) = stage.missing(session.network()) {
+                        lines.push(format!("{stage}: {missing}"));
+                        return;
+                    }
+                }
+            }
+        }
+    }
+}
