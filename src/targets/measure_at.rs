@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 use super::Dot;
 use super::dot::{DotSettings, MeasuredDot, View, measure_dot};
 use super::ellipse::Ellipse;
-use super::finding::{Candidate, CandidateSettings, candidates};
+use super::finding::{Candidate, CandidateSettings, Kind, candidates};
 use crate::imaging::{BitDepth, GreyImage, LevelSettings, LevelTree, noise_level};
 
 /// How a dot is measured where somebody points.
@@ -146,7 +146,8 @@ impl CutOut {
         let largest = settings.dots.largest_px;
         let conditions = CandidateSettings {
             least_levels: 2,
-            least_levels_small: 2,
+            least_levels_alone: 2,
+            least_levels_speck: 2,
             least_levels_bump: 2,
             firm_levels_bump: 2,
             least_area: 4.0,
@@ -154,6 +155,7 @@ impl CutOut {
         };
         let (width, height) = (self.picture.width(), self.picture.height());
         let mut near: Vec<Candidate> = candidates(&tree, width, height, &conditions)
+            .places
             .into_iter()
             .filter(|candidate| is_near(&candidate.ellipse, place, settings.reach_px))
             .collect();
@@ -183,8 +185,7 @@ impl CutOut {
                 found.push(Candidate {
                     ellipse,
                     level: 0.5 * (top + surroundings),
-                    contrast: top - surroundings,
-                    is_bump: false,
+                    kind: Kind::Speck,
                     at_border: false,
                 });
             }

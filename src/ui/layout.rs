@@ -50,7 +50,7 @@ pub fn first_layout() -> Tree<Pane> {
     let top = shared(&mut tiles, LinearDir::Horizontal, &[(left, 0.2), (middle, 0.5), (right, 0.3)]);
     let below = tiles.insert_tab_tile(lists.to_vec());
     let root = shared(&mut tiles, LinearDir::Vertical, &[(top, 0.72), (below, 0.28)]);
-    Tree::new("tiepoint", root, tiles)
+    Tree::new(egui::Id::unique("tiepoint layout"), root, tiles)
 }
 
 fn shared(tiles: &mut Tiles<Pane>, direction: LinearDir, parts: &[(TileId, f32)]) -> TileId {

@@ -5,9 +5,14 @@
 //! another, and what is drawn is cached by `Arc::ptr_eq` on the document.
 
 pub mod action;
+// pub mod app;
 pub mod context;
 pub mod format;
 pub mod image_view;
-pub mod pictures;
+pub mod layout;
 pub mod network_view;
+pub mod panels;
+pub mod pictures;
+pub mod runner;
 pub mod theme;
+// pub mod window;

@@ -14,6 +14,7 @@ pub mod inspector;
 pub mod journal;
 pub mod plots;
 pub mod review;
+pub mod stages;
 pub mod tables;
 
 #[cfg(test)]
