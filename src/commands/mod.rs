@@ -126,6 +126,8 @@ impl From<StorageError> for CommandError {
             StorageError::InUse { .. }
             | StorageError::Changed { .. }
             | StorageError::NotStorable { .. }
+            | StorageError::ReadOnly { .. }
+            | StorageError::Fault { .. }
             | StorageError::Database { .. } => Failure::Work,
         };
         Self {
