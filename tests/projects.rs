@@ -82,6 +82,7 @@ fn a_project_that_is_opened_again_is_the_same_to_the_bit() {
     for stage in Stage::ALL {
         while let Some(run) = session.begin(stage).unwrap() {
             let finished = session.finish(run.compute(&Monitor::new())).unwrap();
+            session.flush().unwrap();
             // What is on the disk is what is in memory, after every step.
             let opened = Store::open_read_only(&path).unwrap();
             assert!(opened.network == *session.network(), "{stage}");

@@ -137,6 +137,8 @@ impl From<StorageError> for CommandError {
             StorageError::InUse { .. }
             | StorageError::Changed { .. }
             | StorageError::NotStorable { .. }
+            | StorageError::ReadOnly { .. }
+            | StorageError::Fault { .. }
             | StorageError::Database { .. } => Failure::Work,
         };
         Self {

@@ -81,6 +81,7 @@ pub fn add(project: &Path, images: &[PathBuf]) -> Result<(), CommandError> {
     let count = session.edit("add images", |network| -> Result<usize, CommandError> {
         Ok(add_images(network, &folder, images)?)
     })?;
+    session.flush()?;
     show(&format!("{}: {count} images added", project.display()))
 }
 
@@ -94,5 +95,6 @@ pub fn exclude(project: &Path, images: &[PathBuf]) -> Result<(), CommandError> {
     let count = session.edit("exclude images", |network| -> Result<usize, CommandError> {
         Ok(exclude_images(network, &folder, images)?)
     })?;
+    session.flush()?;
     show(&format!("{}: {count} images excluded", project.display()))
 }

@@ -22,6 +22,7 @@ pub fn run(
 ) -> Result<(), CommandError> {
     let mut session = open_to_change(project)?;
     let found = session.look_again_for_pictures()?;
+    session.flush()?;
     if found > 0 {
         say(&format!(
             "{found} pictures that could not be read before are there"
@@ -85,7 +86,10 @@ pub fn measure(
         let begun = Instant::now();
         let mut outcome = None;
         while let Some(run) = session.begin(stage)? {
-            match session.finish(run.compute(monitor))? {
+            let finished = session.finish(run.compute(monitor))?;
+            // What is told to be done is on the disk.
+            session.flush()?;
+            match finished {
                 Finished::Advanced => {}
                 Finished::Concluded(end) => {
                     outcome = Some(end);
@@ -97,6 +101,7 @@ pub fn measure(
                 }
             }
         }
+        session.flush()?;
         let concluded = session.network().conclusions.get(&stage).map(|c| c.outcome);
         let outcome = outcome.or(concluded).unwrap_or(Outcome::Failed);
         let seconds = begun.elapsed().as_secs_f64();

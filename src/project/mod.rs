@@ -9,5 +9,6 @@ pub mod edit;
 pub mod files;
 pub mod history;
 pub mod intake;
+mod saver;
 pub mod session;
 pub mod storage;

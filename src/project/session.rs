@@ -1,16 +1,19 @@
 //! A session: the document, its history and its file.
 //!
-//! Two doors change the document: [`Session::edit`] and [`Session::finish`]. Both save before they return, so nothing
-//! is ever unsaved.
+//! Two doors change the document: [`Session::edit`] and [`Session::finish`]. Both hand it to the saving thread and
+//! return at once: what is done is in the document, and on the disk a moment later. [`Session::saving`] tells how far
+//! that is, [`Session::flush`] waits for it.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::SystemTime;
+use std::sync::mpsc::channel;
 
 use super::edit::{Edit, EditError};
 use super::history::{History, HistorySettings, Move};
 use super::intake::picture_path;
-use super::storage::{JournalLine, Opened, StorageError, Store, utc_text};
+use super::saver::{Saver, Target};
+use super::storage::{Opened, StorageError, Store};
+pub use super::saver::Saving;
 use crate::imaging::{GreyImage, LoadSettings, load_picture};
 use crate::monitor::Monitor;
 use crate::network::{About, Finding, FindingKind, ImageEntry, ImageId, Network, Outcome, Stage};
@@ -108,8 +111,8 @@ pub enum Finished {
 pub struct Session {
     network: Arc<Network>,
     history: History,
-    /// `None`: open for reading only.
-    store: Option<Store>,
+    saver: Saver,
+    is_writable: bool,
     warnings: Vec<String>,
     pictures: Arc<PictureFiles>,
 }
@@ -122,7 +125,7 @@ impl Session {
     pub fn create(path: &Path, network: Network) -> Result<Self, StorageError> {
         let network = Arc::new(network);
         let store = Store::create(path, &network)?;
-        Ok(Self::with(path, network, Some(store)))
+        Self::with(path, network, Target::File(Box::new(store)))
     }
 
     /// An existing project file.
@@ -132,28 +135,37 @@ impl Session {
     pub fn open(path: &Path) -> Result<Self, StorageError> {
         let Opened {
             network,
+            journal,
             store,
             warnings,
-            ..
         } = Store::open(path)?;
+        let target = match store {
+            Some(store) => Target::File(Box::new(store)),
+            None => Target::Nowhere {
+                file: path.to_owned(),
+                read: Arc::clone(&network),
+                journal,
+            },
+        };
         Ok(Self {
             warnings,
-            ..Self::with(path, network, store)
+            ..Self::with(path, network, target)?
         })
     }
 
-    fn with(path: &Path, network: Arc<Network>, store: Option<Store>) -> Self {
+    fn with(path: &Path, network: Arc<Network>, target: Target) -> Result<Self, StorageError> {
         let history = History::new(Arc::clone(&network), HistorySettings::default());
         let pictures = Arc::new(PictureFiles {
             folder: folder_of(path),
         });
-        Self {
+        Ok(Self {
             network,
             history,
-            store,
+            is_writable: matches!(target, Target::File(_)),
+            saver: Saver::start(target)?,
             warnings: Vec::new(),
             pictures,
-        }
+        })
     }
 
     /// Why the document is open for reading only, and what of it could not be read; empty where all is well.
@@ -165,7 +177,7 @@ impl Session {
     /// Whether changes can be saved.
     #[must_use]
     pub fn is_writable(&self) -> bool {
-        self.store.is_some()
+        self.is_writable
     }
 
     /// The document.
@@ -177,22 +189,22 @@ impl Session {
     /// Changes the document by an edit of the operator.
     ///
     /// # Errors
-    /// The edit's own error, or that of saving.
-    pub fn edit<T, E: From<StorageError>>(
+    /// The edit's own error; the document is unchanged then.
+    pub fn edit<T, E>(
         &mut self,
         title: &str,
         edit: impl FnOnce(&mut Network) -> Result<T, E>,
     ) -> Result<T, E> {
         let mut network = self.network.as_ref().clone();
         let value = edit(&mut network)?;
-        self.adopt(title, network, None)?;
+        self.adopt(title, network, None);
         Ok(value)
     }
 
     /// Makes an edit of the operator.
     ///
     /// # Errors
-    /// [`SessionError`]: the edit cannot be made any more, or it cannot be saved; the document is unchanged then.
+    /// [`SessionError::Edit`]: the edit cannot be made any more; the document is unchanged then.
     pub fn apply(&mut self, edit: &Edit) -> Result<(), SessionError> {
         let title = edit.title(&self.network);
         self.edit(&title, |network| Ok(edit.apply(network)?))
@@ -201,19 +213,19 @@ impl Session {
     /// Takes the last step or edit back; returns its title, `None` where there is nothing to take back.
     ///
     /// # Errors
-    /// [`StorageError`] where the older state cannot be saved.
+    /// None at present: [`Self::saving`] tells those of saving.
     pub fn undo(&mut self) -> Result<Option<String>, StorageError> {
         let moved = self.history.undo();
-        self.go_to(moved, "undo")
+        Ok(self.go_to(moved, "undo"))
     }
 
     /// Does again what was taken back last; returns its title.
     ///
     /// # Errors
-    /// [`StorageError`] where the newer state cannot be saved.
+    /// None at present: [`Self::saving`] tells those of saving.
     pub fn redo(&mut self) -> Result<Option<String>, StorageError> {
         let moved = self.history.redo();
-        self.go_to(moved, "redo")
+        Ok(self.go_to(moved, "redo"))
     }
 
     /// The history of this session.
@@ -222,31 +234,71 @@ impl Session {
         &self.history
     }
 
-    /// Writes the document to another file; this one stays open.
+    /// Whether what was done is on the disk. A failure does not touch the document in memory, and is tried again with
+    /// the next step or edit, by [`Self::flush`], and every few seconds where that may help.
+    #[must_use]
+    pub fn saving(&self) -> Saving {
+        self.saver.saving()
+    }
+
+    /// Has `wake` called whenever [`Self::saving`] may say something else; it is called on the saving thread.
+    pub fn on_saved(&mut self, wake: impl Fn() + Send + 'static) {
+        self.saver.on_saved(wake);
+    }
+
+    /// Waits until all that was done is on the disk.
+    ///
+    /// # Errors
+    /// [`StorageError`] where it cannot be saved; the document in memory stands, and it can be tried again.
+    pub fn flush(&mut self) -> Result<(), StorageError> {
+        self.saver.flush()
+    }
+
+    /// Closes the project without waiting: `closed` is called, on the saving thread, when all is on the disk, or cannot
+    /// be, and another may open the file. Dropping a session does the same and waits; a program that ends must drop.
+    pub fn close(self, closed: impl FnOnce(Result<(), StorageError>) + Send + 'static) {
+        self.saver.close(closed);
+    }
+
+    /// Writes the document to another file; this one stays open. Waits for the disk.
     ///
     /// # Errors
     /// [`StorageError`] where the file exists or cannot be written.
     pub fn save_copy(&self, path: &Path) -> Result<(), StorageError> {
-        match &self.store {
-            Some(store) => store.save_copy(path),
-            None => Ok(()),
-        }
+        let (tell, told) = channel();
+        self.copy_request(path, move |result| {
+            // The other end waits below.
+            let _ = tell.send(result);
+        });
+        told.recv().unwrap_or_else(|_| {
+            Err(StorageError::Fault {
+                message: "the saving thread ended".into(),
+            })
+        })
     }
 
-    fn go_to(&mut self, moved: Option<Move>, verb: &str) -> Result<Option<String>, StorageError> {
-        let Some(Move { title, network }) = moved else { return Ok(None) };
-        if let Some(store) = &mut self.store {
-            store.save(&network, Some(&journal_line(&format!("{verb}: {title}"), &network, None)))?;
-        }
+    /// Has the document as it is now, with its journal, written to another file, also where this one cannot be saved
+    /// or is open for reading only; returns at once. `answer` is called on the saving thread.
+    pub fn copy_request(
+        &self,
+        path: &Path,
+        answer: impl FnOnce(Result<(), StorageError>) + Send + 'static,
+    ) {
+        self.saver.copy(path.to_owned(), answer);
+    }
+
+    fn go_to(&mut self, moved: Option<Move>, verb: &str) -> Option<String> {
+        let Move { title, network } = moved?;
+        self.saver.save(&format!("{verb}: {title}"), &network, None);
         self.network = network;
-        Ok(Some(title))
+        Some(title)
     }
 
     /// Looks again for pictures that could not be read when their targets were to be detected (a drive that was not
     /// there, a file that was moved) and says how many can be read now: the next run detects them.
     ///
     /// # Errors
-    /// [`StorageError`] where this cannot be saved.
+    /// None at present: [`Self::saving`] tells those of saving.
     pub fn look_again_for_pictures(&mut self) -> Result<usize, StorageError> {
         let readable: Vec<ImageId> = self
             .network
@@ -269,11 +321,11 @@ impl Session {
     /// Begins the next step of a stage; `None` where the stage has none, which concludes it.
     ///
     /// # Errors
-    /// [`StorageError`] where the conclusion cannot be saved.
+    /// None at present: [`Self::saving`] tells those of saving.
     pub fn begin(&mut self, stage: Stage) -> Result<Option<Run>, StorageError> {
         let Some(step) = stage.next(&self.network) else {
             if !self.network.is_concluded(stage) && stage.missing(&self.network).is_none() {
-                self.conclude(stage, None)?;
+                self.conclude(stage, None);
             }
             return Ok(None);
         };
@@ -285,10 +337,10 @@ impl Session {
         }))
     }
 
-    /// Takes over what a run computed, and saves it.
+    /// Takes over what a run computed, and has it saved.
     ///
     /// # Errors
-    /// [`StorageError`] where it cannot be saved.
+    /// None at present: [`Self::saving`] tells those of saving.
     pub fn finish(&mut self, computed: Computed) -> Result<Finished, StorageError> {
         let stage = computed.step.stage();
         match computed.result {
@@ -298,17 +350,17 @@ impl Session {
                 } else {
                     Outcome::Interrupted
                 };
-                self.adopt(&computed.title, advance.network, Some(outcome))?;
+                self.adopt(&computed.title, advance.network, Some(outcome));
                 if !advance.complete {
                     return Ok(Finished::Interrupted);
                 }
                 if stage.next(&self.network).is_some() {
                     return Ok(Finished::Advanced);
                 }
-                self.conclude(stage, None)
+                Ok(self.conclude(stage, None))
             }
             Err(Halt::Interrupted) => Ok(Finished::Interrupted),
-            Err(Halt::Failed(error)) => self.conclude(stage, Some(&error)),
+            Err(Halt::Failed(error)) => Ok(self.conclude(stage, Some(&error))),
         }
     }
 
@@ -316,26 +368,18 @@ impl Session {
         &mut self,
         stage: Stage,
         failure: Option<&crate::stages::StageError>,
-    ) -> Result<Finished, StorageError> {
+    ) -> Finished {
         let network = stage.conclude(&without_former_findings(&self.network, stage), failure);
         let outcome = network.conclusions[&stage].outcome;
-        self.adopt(&format!("{stage}: {outcome}"), network, Some(outcome))?;
-        Ok(Finished::Concluded(outcome))
+        self.adopt(&format!("{stage}: {outcome}"), network, Some(outcome));
+        Finished::Concluded(outcome)
     }
 
-    fn adopt(
-        &mut self,
-        title: &str,
-        network: Network,
-        outcome: Option<Outcome>,
-    ) -> Result<(), StorageError> {
+    fn adopt(&mut self, title: &str, network: Network, outcome: Option<Outcome>) {
         let network = Arc::new(network);
-        if let Some(store) = &mut self.store {
-            store.save(&network, Some(&journal_line(title, &network, outcome)))?;
-        }
+        self.saver.save(title, &network, outcome);
         self.history.push(title, Arc::clone(&network));
         self.network = network;
-        Ok(())
     }
 }
 
@@ -362,21 +406,6 @@ fn without_former_findings(network: &Network, stage: Stage) -> Network {
         Arc::make_mut(&mut network.findings).retain(|f| f.stage < stage || !told_at_the_end(f));
     }
     network
-}
-
-fn journal_line(title: &str, network: &Network, outcome: Option<Outcome>) -> JournalLine {
-    JournalLine {
-        utc: utc_text(SystemTime::now()),
-        what: title.to_owned(),
-        settings: serde_json::to_string(network.settings.as_ref()).unwrap_or_default(),
-        outcome: outcome
-            .map(|outcome| outcome.to_string())
-            .unwrap_or_default(),
-        sigma0: network
-            .adjustment
-            .as_ref()
-            .map(|adjustment| adjustment.sigma0),
-    }
 }
 
 /// The folder of a project file.

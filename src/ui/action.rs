@@ -8,7 +8,7 @@ use crate::project::edit::Edit;
 use crate::targets::DotIndex;
 
 /// What the operator has selected; shared by images, 3D view and tables.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Selection {
     /// The selected point.
     pub point: Option<PointId>,
@@ -16,6 +16,8 @@ pub struct Selection {
     pub image: Option<ImageId>,
     /// The selected dot of an image.
     pub dot: Option<(ImageId, DotIndex)>,
+    /// A place of an image (px) where there is no dot yet: a target that was missed.
+    pub place: Option<(ImageId, [f64; 2])>,
 }
 
 /// How far to run.

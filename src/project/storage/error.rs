@@ -79,6 +79,18 @@ pub enum StorageError {
         /// The row.
         source: NotStorable,
     },
+    /// The project is open for reading only.
+    #[error("{}: open for reading only: changes are not saved, a copy can be", file.display())]
+    ReadOnly {
+        /// The file.
+        file: PathBuf,
+    },
+    /// Saving ended by a panic; the document in memory stands.
+    #[error("a fault of this program while saving: {message}")]
+    Fault {
+        /// What it said.
+        message: String,
+    },
     /// The file system refused.
     #[error("{}: could not {action}: {source}", file.display())]
     File {

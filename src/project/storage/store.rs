@@ -177,20 +177,27 @@ impl Store {
         &self.file
     }
 
-    /// Writes what changed since the last save, with a line of the journal, in one transaction. When it returns, the
+    /// What was saved last.
+    #[must_use]
+    pub fn saved(&self) -> &Network {
+        &self.saved
+    }
+
+    /// Writes what changed since the last save, with lines of the journal, in one transaction. When it returns, the
     /// network is on the disk; when it fails, the file holds what it held before.
     ///
     /// # Errors
     /// Where the network holds a number that is not finite, or the file cannot be written.
-    pub fn save(
+    pub fn save<'a>(
         &mut self,
         network: &Network,
-        line: Option<&JournalLine>,
+        lines: impl IntoIterator<Item = &'a JournalLine>,
     ) -> Result<Saved, StorageError> {
+        let lines: Vec<&JournalLine> = lines.into_iter().collect();
         let changes = Changes::between(Some(&self.saved), network)
             .map_err(|e| not_storable(&self.file, e))?;
-        if !changes.is_empty() || line.is_some() {
-            self.write(&changes, line)?;
+        if !changes.is_empty() || !lines.is_empty() {
+            self.write(&changes, &lines)?;
             self.saves += 1;
         }
         self.saved = network.clone();
@@ -200,7 +207,7 @@ impl Store {
         })
     }
 
-    fn write(&mut self, changes: &Changes, line: Option<&JournalLine>) -> Result<(), StorageError> {
+    fn write(&mut self, changes: &Changes, lines: &[&JournalLine]) -> Result<(), StorageError> {
         let refused = |error| StorageError::of_database(&self.file, "save", error);
         self.connection
             .pragma_update(None, "synchronous", "FULL")
@@ -223,7 +230,7 @@ impl Store {
             });
         }
         apply(&transaction, changes).map_err(refused)?;
-        if let Some(line) = line {
+        for line in lines {
             add_to_journal(&transaction, &self.file, line)?;
         }
         transaction.commit().map_err(refused)

@@ -258,6 +258,7 @@ fn a_click_on_a_dot_selects_it_with_its_point() {
         point: Some(point),
         image: Some(FIRST),
         dot: Some((FIRST, dot)),
+        place: None,
     };
     assert_eq!(harness.state().actions, [Action::Select(expected)]);
 }

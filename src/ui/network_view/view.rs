@@ -450,11 +450,13 @@ fn click(
         Some(Target::Station(id)) => Selection {
             image: Some(id),
             dot: None,
+            place: None,
             ..selection.clone()
         },
         None => Selection {
             point: None,
             dot: None,
+            place: None,
             ..selection.clone()
         },
     };
@@ -478,5 +480,6 @@ fn select_point(network: &Network, selection: &Selection, id: PointId) -> Select
         point: Some(id),
         image: selection.image,
         dot,
+        place: None,
     }
 }
