@@ -40,6 +40,8 @@ pub enum Action {
     Open(PathBuf),
     /// Files or folders were dropped on the window.
     Dropped(Vec<PathBuf>),
+    /// Something that was under way ended with this line for the operator.
+    Say(String),
     /// A dialog of the system answered the open form.
     Chosen(PathBuf),
     /// Save a copy of the project.

@@ -27,7 +27,8 @@ impl App {
             Action::Open(path) => self.open(&path),
             Action::Dropped(paths) => self.forms.dropped(&mut self.loader, paths),
             Action::Chosen(path) => self.forms.chosen(path),
-            Action::SaveCopy(path) => self.save_copy(&path),
+            Action::SaveCopy(path) => self.save_copy(&path, context),
+            Action::Say(line) => self.say(line),
             Action::FindPictures(folder) => self.find_pictures(folder),
             Action::Run(request) => self.run(request),
             Action::Interrupt => self.interrupt(),
@@ -187,15 +188,21 @@ impl App {
         }
     }
 
-    fn save_copy(&mut self, path: &Path) {
+    /// Writes a copy on the saving thread; its answer comes like that of a dialog.
+    fn save_copy(&mut self, path: &Path, context: &Context) {
         let Some(document) = &self.document else {
             return;
         };
-        let line = match document.session.save_copy(path) {
-            Ok(()) => format!("A copy is at {}.", path.display()),
-            Err(error) => error.to_string(),
-        };
-        self.say(line);
+        let (ask, context, target) = (self.ask.clone(), context.clone(), path.to_owned());
+        document.session.copy_request(path, move |copied| {
+            let line = match copied {
+                Ok(()) => format!("A copy is at {}.", target.display()),
+                Err(error) => error.to_string(),
+            };
+            if ask.send(Action::Say(line)).is_ok() {
+                context.request_repaint();
+            }
+        });
     }
 
     /// Takes over what the loader finished.
@@ -205,8 +212,10 @@ impl App {
                 Err(line) => self.say(line),
                 Ok(Loaded::Line(line)) if line.is_empty() => {}
                 Ok(Loaded::Line(line)) => self.say(line),
-                Ok(Loaded::Project { session, path, then }) => {
+                Ok(Loaded::Project { mut session, path, then }) => {
                     self.close();
+                    let waking = context.clone();
+                    session.on_saved(move || waking.request_repaint());
                     let mut lines = session.warnings().to_vec();
                     lines.push(format!("{} is open.", path.display()));
                     self.pictures.set_folder(&folder_of(&path));

@@ -4,7 +4,7 @@
 use egui::{Button, KeyboardShortcut, Ui};
 
 use super::{App, Command};
-use crate::project::session::Session;
+use crate::project::session::{Saving, Session};
 use crate::ui::action::Action;
 use crate::ui::image_view::ImageView;
 use crate::ui::layout::Pane;
@@ -158,6 +158,13 @@ impl App {
     /// Why the newest state is not on the disk, where it is not.
     fn not_saved(&self) -> Option<String> {
         let session = self.session()?;
-        (!session.is_writable()).then(|| "open for reading only: changes are not saved".to_owned())
+        if !session.is_writable() {
+            return Some("open for reading only: changes are not saved".to_owned());
+        }
+        match session.saving() {
+            Saving::Saved => None,
+            Saving::Behind { steps } => Some(format!("saving {steps}")),
+            Saving::Failed(reason) => Some(format!("not saved: {reason}")),
+        }
     }
 }

@@ -31,6 +31,9 @@ pub(super) fn place_in_image(network: &Network, image: ImageId, point: PointId) 
 
 /// The image and place that a selection names, where it names one.
 fn place_of(network: &Network, selection: &Selection) -> Option<(ImageId, Vector2<f64>)> {
+    if let Some((image, [x, y])) = selection.place {
+        return Some((image, Vector2::new(x, y)));
+    }
     if let Some((image, dot)) = selection.dot {
         let detections = network.images.get(&image)?.detections.as_ref()?;
         return Some((image, detections.dots.get(dot.slot())?.centre_px));
