@@ -13,6 +13,7 @@ use super::history::{History, HistorySettings, Move};
 use super::intake::picture_path;
 use super::saver::{Saver, Target};
 use super::storage::{Opened, StorageError, Store};
+use super::whereabouts::{Found, PictureMoves};
 pub use super::saver::Saving;
 use crate::imaging::{GreyImage, LoadSettings, load_picture};
 use crate::monitor::Monitor;
@@ -316,6 +317,35 @@ impl Session {
             network.inputs += 1;
             Ok(readable.len())
         })
+    }
+
+    /// Takes over where pictures are now, an edit that can be undone: what was measured in them stays, for the same
+    /// content is the same picture. Quick; only between two steps, as every edit.
+    ///
+    /// # Errors
+    /// None at present: [`Self::saving`] tells those of saving.
+    pub fn move_pictures(&mut self, moves: &PictureMoves) -> Result<Found, StorageError> {
+        let mut network = self.network.as_ref().clone();
+        let mut counts = moves.counts();
+        let (mut taken, mut are_readable) = (0, false);
+        for (&id, found) in &moves.found {
+            let known = network.images.get(&id);
+            if known.is_none_or(|image| image.file.sha256 != found.sha256) {
+                continue;
+            }
+            let image = network.image_mut(id);
+            image.file.path.clone_from(&found.path);
+            are_readable |= image.unreadable.take().is_some();
+            taken += 1;
+        }
+        counts.found = taken;
+        if taken > 0 {
+            // Only a picture that can be read again gives the stages something to do.
+            network.inputs += u64::from(are_readable);
+            let title = format!("pictures found in {}", moves.folder.display());
+            self.adopt(&title, network, None);
+        }
+        Ok(counts)
     }
 
     /// Begins the next step of a stage; `None` where the stage has none, which concludes it.

@@ -1,5 +1,6 @@
 //! What panels ask for; one place applies it after the frame.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use super::app::Command;
@@ -56,6 +57,8 @@ pub enum Action {
     Edit(Edit),
     /// Select something.
     Select(Selection),
+    /// Select these points together; none: let them go.
+    Group(BTreeSet<PointId>),
     /// Select something and bring it into view.
     LookAt(Selection),
 }

@@ -1,6 +1,7 @@
 //! Actions: every way to change anything ends here.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use egui::{Context, Theme};
 
@@ -40,6 +41,7 @@ impl App {
                 }
             }
             Action::Select(selection) => self.select(selection),
+            Action::Group(points) => self.group = Arc::new(points),
             Action::LookAt(selection) => {
                 self.look_at(&selection);
                 self.select(selection);
@@ -100,7 +102,9 @@ impl App {
         let history = self.session().map(Session::history);
         let open = self.document.is_some();
         match command {
-            Command::Step | Command::RunStage | Command::RunAll => open && !self.runner.is_running(),
+            Command::Step | Command::RunStage | Command::RunAll => {
+                open && !self.runner.is_running()
+            }
             Command::Interrupt => !self.is_idle(),
             Command::Undo => {
                 let waits = !self.runner.pending().is_empty();
@@ -136,7 +140,10 @@ impl App {
     fn undo(&mut self) {
         match self.runner.take_back_pending() {
             Some(edit) => {
-                let line = format!("Taken back before it was made: {}.", edit.title(self.network()));
+                let line = format!(
+                    "Taken back before it was made: {}.",
+                    edit.title(self.network())
+                );
                 self.say(line);
             }
             None => self.move_in_history(Session::undo, "Taken back"),
@@ -164,7 +171,11 @@ impl App {
     }
 
     fn open(&mut self, path: &Path) {
-        if self.document.as_ref().is_some_and(|document| document.project == path) {
+        if self
+            .document
+            .as_ref()
+            .is_some_and(|document| document.project == path)
+        {
             self.say(format!("{} is open.", path.display()));
             return;
         }
@@ -183,6 +194,7 @@ impl App {
         self.runner.forget();
         self.clear_image_panels();
         self.selection = Selection::default();
+        self.group = Arc::default();
         if let Some(document) = self.document.take() {
             self.loader.close(document.session);
         }
@@ -212,14 +224,21 @@ impl App {
                 Err(line) => self.say(line),
                 Ok(Loaded::Line(line)) if line.is_empty() => {}
                 Ok(Loaded::Line(line)) => self.say(line),
-                Ok(Loaded::Project { mut session, path, then }) => {
+                Ok(Loaded::Project {
+                    mut session,
+                    path,
+                    then,
+                }) => {
                     self.close();
                     let waking = context.clone();
                     session.on_saved(move || waking.request_repaint());
                     let mut lines = session.warnings().to_vec();
                     lines.push(format!("{} is open.", path.display()));
                     self.pictures.set_folder(&folder_of(&path));
-                    self.document = Some(Document { session: *session, project: path });
+                    self.document = Some(Document {
+                        session: *session,
+                        project: path,
+                    });
                     self.fill_image_panels();
                     self.panels.network.fit();
                     for line in lines {

@@ -50,7 +50,10 @@ impl Forms {
     }
 
     fn ask(&mut self, form: Form, path: String) {
-        *self = Self { open: Some(form), path };
+        *self = Self {
+            open: Some(form),
+            path,
+        };
     }
 
     pub(super) fn chosen(&mut self, path: PathBuf) {
@@ -64,7 +67,9 @@ impl App {
     pub(super) fn find_pictures(&mut self, _folder: PathBuf) {}
 
     pub(super) fn forms_window(&mut self, context: &Context, actions: &mut Vec<Action>) {
-        let Some(form) = self.forms.open.clone() else { return };
+        let Some(form) = self.forms.open.clone() else {
+            return;
+        };
         let (title, button) = match form {
             Form::Open => ("Open a project", "Open"),
             Form::Copy => ("Save a copy", "Save"),
@@ -87,7 +92,9 @@ impl App {
 
     fn path_field(&mut self, ui: &mut Ui, form: &Form, button: &str) -> Option<PathBuf> {
         let label = ui.label("Path");
-        let field = ui.add(TextEdit::singleline(&mut self.forms.path).desired_width(420.0)).labelled_by(label.id);
+        let field = ui
+            .add(TextEdit::singleline(&mut self.forms.path).desired_width(420.0))
+            .labelled_by(label.id);
         let entered = field.lost_focus() && ui.input(|input| input.key_pressed(egui::Key::Enter));
         ui.horizontal(|ui| {
             if ui.button("Browse ...").clicked() {
@@ -109,7 +116,9 @@ impl App {
         let asked = apart("dialog", move || {
             let dialog = rfd::FileDialog::new();
             let chosen = match form {
-                Form::Open => dialog.add_filter("Tiepoint project", &["tiepoint"]).pick_file(),
+                Form::Open => dialog
+                    .add_filter("Tiepoint project", &["tiepoint"])
+                    .pick_file(),
                 Form::Copy => dialog.set_file_name("copy.tiepoint").save_file(),
                 Form::Pictures => dialog.pick_folder(),
             };
@@ -120,7 +129,9 @@ impl App {
             }
         });
         if let Err(error) = asked {
-            self.say(format!("The dialog could not be opened: {error}; type the path instead."));
+            self.say(format!(
+                "The dialog could not be opened: {error}; type the path instead."
+            ));
         }
     }
 }

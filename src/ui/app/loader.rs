@@ -70,15 +70,24 @@ impl Loader {
     /// The next answer, if there is one; never waits.
     pub(super) fn poll(&mut self) -> Option<Answer> {
         let answer = self.worker.poll()?;
-        let title = self.open.pop_front().map_or_else(String::new, |(title, _)| title);
+        let title = self
+            .open
+            .pop_front()
+            .map_or_else(String::new, |(title, _)| title);
         Some(match answer {
             Ok(answer) => answer,
-            Err(Panicked { message }) => Err(format!("{title}: a fault of this program: {message}")),
+            Err(Panicked { message }) => {
+                Err(format!("{title}: a fault of this program: {message}"))
+            }
         })
     }
 
     /// Does something slow.
-    pub(super) fn start(&mut self, title: impl Into<String>, work: impl FnOnce(&Monitor) -> Answer + Send + 'static) {
+    pub(super) fn start(
+        &mut self,
+        title: impl Into<String>,
+        work: impl FnOnce(&Monitor) -> Answer + Send + 'static,
+    ) {
         let monitor = Arc::new(Monitor::new());
         self.open.push_back((title.into(), Arc::clone(&monitor)));
         self.worker.start(monitor, work);
@@ -89,16 +98,26 @@ impl Loader {
         let path = path.to_owned();
         self.start(format!("opening {}", path.display()), move |_| {
             let session = Session::open(&path).map_err(|error| error.to_string())?;
-            Ok(Loaded::Project { session: Box::new(session), path, then })
+            Ok(Loaded::Project {
+                session: Box::new(session),
+                path,
+                then,
+            })
         });
     }
 
     /// Renders the demo and opens its project.
     pub(super) fn demo(&mut self, request: DemoRequest) {
         self.start("rendering the demo", move |monitor| {
-            let path = prepare_demo(&request, monitor).map_err(|error| error.to_string())?.project;
+            let path = prepare_demo(&request, monitor)
+                .map_err(|error| error.to_string())?
+                .project;
             let session = Session::open(&path).map_err(|error| error.to_string())?;
-            Ok(Loaded::Project { session: Box::new(session), path, then: Then::Measure })
+            Ok(Loaded::Project {
+                session: Box::new(session),
+                path,
+                then: Then::Measure,
+            })
         });
     }
 

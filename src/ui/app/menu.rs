@@ -49,7 +49,12 @@ const PANES: [Pane; 10] = [
 ];
 
 /// The commands that run stages, in the bar itself.
-const RUN: [Command; 4] = [Command::Step, Command::RunStage, Command::RunAll, Command::Interrupt];
+const RUN: [Command; 4] = [
+    Command::Step,
+    Command::RunStage,
+    Command::RunAll,
+    Command::Interrupt,
+];
 
 impl App {
     pub(super) fn menu(&mut self, ui: &mut Ui, actions: &mut Vec<Action>) {
@@ -86,7 +91,9 @@ impl App {
             ui.separator();
             for command in RUN {
                 let button = ui.add_enabled(self.can(command), Button::new(command.title()));
-                let hint = command.shortcut().map_or_else(String::new, |keys| ui.ctx().format_shortcut(&keys));
+                let hint = command
+                    .shortcut()
+                    .map_or_else(String::new, |keys| ui.ctx().format_shortcut(&keys));
                 if button.on_hover_text(hint).clicked() {
                     actions.push(Action::Do(command));
                 }
@@ -119,17 +126,36 @@ impl App {
         let network = self.network();
         let oriented = network.oriented_images().count();
         let images = network.used_images().count();
-        let sigma0 = network.adjustment.as_ref().map_or_else(String::new, |adjustment| {
-            let age = if network.adjustment_is_fresh() { "" } else { " before your last edits" };
-            format!("sigma0 {:.3} ({:.4} px){age}   ", adjustment.sigma0, adjustment.sigma0_px)
-        });
-        format!("{sigma0}{oriented}/{images} images   {} points", network.points.len())
+        let sigma0 = network
+            .adjustment
+            .as_ref()
+            .map_or_else(String::new, |adjustment| {
+                let age = if network.adjustment_is_fresh() {
+                    ""
+                } else {
+                    " before your last edits"
+                };
+                format!(
+                    "sigma0 {:.3} ({:.4} px){age}   ",
+                    adjustment.sigma0, adjustment.sigma0_px
+                )
+            });
+        format!(
+            "{sigma0}{oriented}/{images} images   {} points",
+            network.points.len()
+        )
     }
 
     /// The line below: what happened last, and what is under the pointer.
     pub(super) fn status(&mut self, ui: &mut Ui, actions: &mut Vec<Action>) {
         ui.horizontal(|ui| {
-            let earlier: Vec<&str> = self.messages.iter().rev().take(12).map(String::as_str).collect();
+            let earlier: Vec<&str> = self
+                .messages
+                .iter()
+                .rev()
+                .take(12)
+                .map(String::as_str)
+                .collect();
             if let Some((title, progress)) = self.loader.progress() {
                 ui.spinner();
                 let counted = if progress.total > 0 {
@@ -148,7 +174,13 @@ impl App {
                 if let Some(line) = self.not_saved() {
                     ui.colored_label(theme::REJECTED, line);
                 }
-                for status in self.panels.views.iter().flatten().filter_map(ImageView::status) {
+                for status in self
+                    .panels
+                    .views
+                    .iter()
+                    .flatten()
+                    .filter_map(ImageView::status)
+                {
                     ui.monospace(status);
                 }
             });

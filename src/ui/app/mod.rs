@@ -14,8 +14,9 @@ mod panes;
 mod sight;
 mod start;
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Duration;
 
@@ -37,7 +38,7 @@ use super::panels::tables::Tables;
 use super::pictures::{PictureSettings, PictureStore};
 use super::runner::Runner;
 use super::window::Beginning;
-use crate::network::{Network, Stage};
+use crate::network::{Network, PointId, Stage};
 use crate::project::session::Session;
 use loader::Loader;
 use palette::Palette;
@@ -68,6 +69,8 @@ pub struct App {
     loader: Loader,
     pictures: PictureStore,
     selection: Selection,
+    /// Points of the last box select.
+    group: Arc<BTreeSet<PointId>>,
     /// Lines for the operator, newest last.
     messages: VecDeque<String>,
     panels: Panels,
@@ -104,7 +107,10 @@ impl App {
     ///
     /// # Errors
     /// [`NoThread`].
-    pub fn new(creation: &eframe::CreationContext<'_>, beginning: Beginning) -> Result<Self, NoThread> {
+    pub fn new(
+        creation: &eframe::CreationContext<'_>,
+        beginning: Beginning,
+    ) -> Result<Self, NoThread> {
         if let Some(state) = &creation.wgpu_render_state {
             super::image_view::install(state);
             NetworkView::install(state);
@@ -123,6 +129,7 @@ impl App {
             loader: Loader::new(waking(&creation.egui_ctx))?,
             pictures: PictureStore::new(PictureSettings::default(), waking(&creation.egui_ctx))?,
             selection: Selection::default(),
+            group: Arc::default(),
             messages: VecDeque::new(),
             panels: Panels {
                 stages: StagesPanel::default(),
@@ -161,7 +168,8 @@ impl App {
     /// The measurement; empty where no project is open.
     #[must_use]
     pub fn network(&self) -> &Network {
-        self.session().map_or(&self.empty, |session| session.network())
+        self.session()
+            .map_or(&self.empty, |session| session.network())
     }
 
     /// What runs.
@@ -186,6 +194,12 @@ impl App {
     #[must_use]
     pub fn selection(&self) -> &Selection {
         &self.selection
+    }
+
+    /// Points of the last box select.
+    #[must_use]
+    pub fn group(&self) -> &BTreeSet<PointId> {
+        &self.group
     }
 
     /// The image panels, in their order.

@@ -14,15 +14,23 @@ const TEXT_MARGIN: i8 = 5;
 impl App {
     /// Draws the panels of the open project.
     pub(super) fn panes(&mut self, ui: &mut egui::Ui, actions: &mut Vec<Action>) {
-        let Some(document) = &self.document else { return };
+        let Some(document) = &self.document else {
+            return;
+        };
         let mut draw = Draw {
             view: ViewContext {
                 network: document.session.network(),
                 pictures: &self.pictures,
                 selection: &self.selection,
+                group: &self.group,
                 pending: self.runner.pending(),
             },
-            titles: &document.session.history().undo_titles().map(str::to_owned).collect::<Vec<_>>(),
+            titles: &document
+                .session
+                .history()
+                .undo_titles()
+                .map(str::to_owned)
+                .collect::<Vec<_>>(),
             runner: &self.runner,
             panels: &mut self.panels,
             actions,
@@ -85,7 +93,9 @@ impl Behavior<Pane> for Draw<'_> {
             Pane::Network => self.panels.network.ui(ui, &self.view, self.actions),
             // Pictures take the whole pane, text keeps off its edge.
             text => {
-                egui::Frame::new().inner_margin(TEXT_MARGIN).show(ui, |ui| self.text(ui, *text));
+                egui::Frame::new()
+                    .inner_margin(TEXT_MARGIN)
+                    .show(ui, |ui| self.text(ui, *text));
             }
         }
         UiResponse::None
@@ -102,6 +112,9 @@ impl Behavior<Pane> for Draw<'_> {
     }
 
     fn simplification_options(&self) -> SimplificationOptions {
-        SimplificationOptions { all_panes_must_have_tabs: true, ..SimplificationOptions::default() }
+        SimplificationOptions {
+            all_panes_must_have_tabs: true,
+            ..SimplificationOptions::default()
+        }
     }
 }
