@@ -172,15 +172,6 @@ impl Command {
             _ => None,
         }
     }
-
-    /// Whether its key would also be a letter of a text.
-    #[must_use]
-    pub fn is_letter(self) -> bool {
-        self.shortcut().is_some_and(|shortcut| {
-            let plain = !shortcut.modifiers.any();
-            plain && !matches!(shortcut.logical_key, Key::F5 | Key::Escape)
-        })
-    }
 }
 
 /// A key of a view, for the list of keys.

@@ -80,8 +80,17 @@ pub struct ImageView {
     marks: MarksCache,
     epipolar: EpipolarCache,
     status: Option<String>,
+    /// Where the picture was drawn last.
+    drawn: Option<Drawn>,
     /// Tells this view from others in the renderer.
     view: u64,
+}
+
+/// Where the picture stood in a frame.
+#[derive(Clone, Copy, Debug)]
+struct Drawn {
+    rect: Rect,
+    transform: ScreenFromImage,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -125,6 +134,7 @@ impl ImageView {
             marks: MarksCache::default(),
             epipolar: EpipolarCache::default(),
             status: None,
+            drawn: None,
             view: u64::from(image.0),
         }
     }
@@ -157,6 +167,14 @@ impl ImageView {
     #[must_use]
     pub fn status(&self) -> Option<String> {
         self.status.clone()
+    }
+
+    /// Where a place (px) was drawn on the window; `None` before the first frame and for what is outside of the panel.
+    #[must_use]
+    pub fn place_on_screen(&self, place_px: Vector2<f64>) -> Option<Pos2> {
+        let drawn = self.drawn?;
+        let place = drawn.transform.point(place_px);
+        drawn.rect.contains(place).then_some(place)
     }
 
     /// Whether a list is open or a click measures: then `Esc` is this view's.
@@ -254,6 +272,7 @@ impl ImageView {
         let pixels = [entry.file.width_px, entry.file.height_px];
         self.navigate(ui, &response, pixels, picture.as_deref());
         let transform = self.sight.transform(rect, pixels);
+        self.drawn = Some(Drawn { rect, transform });
         let marks = self.marks.get(context.network, self.image);
         let pointer = if response.contains_pointer() {
             response.hover_pos()
