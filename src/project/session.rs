@@ -11,10 +11,10 @@ use std::sync::mpsc::channel;
 use super::edit::{Edit, EditError};
 use super::history::{History, HistorySettings, Move};
 use super::intake::picture_path;
+pub use super::saver::Saving;
 use super::saver::{Saver, Target};
 use super::storage::{Opened, StorageError, Store};
 use super::whereabouts::{Found, PictureMoves};
-pub use super::saver::Saving;
 use crate::imaging::{GreyImage, LoadSettings, load_picture};
 use crate::monitor::Monitor;
 use crate::network::{About, Finding, FindingKind, ImageEntry, ImageId, Network, Outcome, Stage};
@@ -394,11 +394,7 @@ impl Session {
         }
     }
 
-    fn conclude(
-        &mut self,
-        stage: Stage,
-        failure: Option<&crate::stages::StageError>,
-    ) -> Finished {
+    fn conclude(&mut self, stage: Stage, failure: Option<&crate::stages::StageError>) -> Finished {
         let network = stage.conclude(&without_former_findings(&self.network, stage), failure);
         let outcome = network.conclusions[&stage].outcome;
         self.adopt(&format!("{stage}: {outcome}"), network, Some(outcome));
