@@ -1,13 +1,15 @@
 //! What panels ask for; one place applies it after the frame.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
+use super::app::Command;
 use crate::network::{ImageId, PointId, Stage};
 use crate::project::edit::Edit;
 use crate::targets::DotIndex;
 
 /// What the operator has selected; shared by images, 3D view and tables.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Selection {
     /// The selected point.
     pub point: Option<PointId>,
@@ -15,6 +17,8 @@ pub struct Selection {
     pub image: Option<ImageId>,
     /// The selected dot of an image.
     pub dot: Option<(ImageId, DotIndex)>,
+    /// A place of an image (px) where there is no dot yet: a target that was missed.
+    pub place: Option<(ImageId, [f64; 2])>,
 }
 
 /// How far to run.
@@ -31,33 +35,30 @@ pub enum RunRequest {
 /// What a panel, a key or a menu asks for.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Action {
+    /// A command of the menus.
+    Do(Command),
     /// Open a project file.
     Open(PathBuf),
-    /// Ask for a project file.
-    AskOpen,
-    /// Make a project from a folder of images.
-    New {
-        /// Project file to make.
-        project: PathBuf,
-        /// Images.
-        images: Vec<PathBuf>,
-    },
-    /// Render the demo and measure it.
-    Demo,
+    /// Files or folders were dropped on the window.
+    Dropped(Vec<PathBuf>),
+    /// Something that was under way ended with this line for the operator.
+    Say(String),
+    /// A dialog of the system answered the open form.
+    Chosen(PathBuf),
     /// Save a copy of the project.
     SaveCopy(PathBuf),
+    /// Look for missing pictures in this folder.
+    FindPictures(PathBuf),
     /// Run stages.
     Run(RunRequest),
     /// Stop what runs.
     Interrupt,
     /// Change the document.
     Edit(Edit),
-    /// Take the last step or edit back.
-    Undo,
-    /// Do it again.
-    Redo,
     /// Select something.
     Select(Selection),
+    /// Select these points together; none: let them go.
+    Group(BTreeSet<PointId>),
     /// Select something and bring it into view.
     LookAt(Selection),
 }

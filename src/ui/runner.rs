@@ -24,6 +24,8 @@ pub struct Runner {
     worker: Worker<Computed>,
     now: Option<Now>,
     pending: Vec<Edit>,
+    /// Results still to come of steps that nobody waits for any more.
+    forgotten: usize,
 }
 
 impl Runner {
@@ -32,7 +34,12 @@ impl Runner {
     /// # Errors
     /// Where the system gives no thread.
     pub fn new(wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
-        Ok(Self { worker: Worker::new("compute", wake)?, now: None, pending: Vec::new() })
+        Ok(Self {
+            worker: Worker::new("compute", wake)?,
+            now: None,
+            pending: Vec::new(),
+            forgotten: 0,
+        })
     }
 
     /// Whether a step is under way.
@@ -44,13 +51,17 @@ impl Runner {
     /// Whether the step under way was asked to stop.
     #[must_use]
     pub fn is_stopping(&self) -> bool {
-        self.now.as_ref().is_some_and(|now| now.monitor.is_interrupted())
+        self.now
+            .as_ref()
+            .is_some_and(|now| now.monitor.is_interrupted())
     }
 
     /// The stage, the step and the progress of what is under way.
     #[must_use]
     pub fn progress(&self) -> Option<(Stage, &str, Progress)> {
-        self.now.as_ref().map(|now| (now.stage, now.title.as_str(), now.monitor.progress()))
+        self.now
+            .as_ref()
+            .map(|now| (now.stage, now.title.as_str(), now.monitor.progress()))
     }
 
     /// Edits that wait for the end of the step.
@@ -79,6 +90,20 @@ impl Runner {
         }
     }
 
+    /// Stops the step under way and forgets it with the edits that wait: the document goes.
+    pub fn forget(&mut self) {
+        if let Some(now) = self.now.take() {
+            now.monitor.interrupt();
+            self.forgotten += 1;
+        }
+        self.pending.clear();
+    }
+
+    /// Takes back the last edit that waits.
+    pub fn take_back_pending(&mut self) -> Option<Edit> {
+        self.pending.pop()
+    }
+
     /// An edit: made at once, or kept until the step under way ends.
     pub fn edit(&mut self, session: &mut Session, edit: Edit) -> Option<String> {
         if self.is_running() {
@@ -93,10 +118,17 @@ impl Runner {
     pub fn poll(&mut self, session: &mut Session) -> Vec<String> {
         let mut lines = Vec::new();
         while let Some(result) = self.worker.poll() {
+            if self.forgotten > 0 {
+                self.forgotten -= 1;
+                continue;
+            }
             let Some(now) = self.now.take() else { continue };
             let go_on = match result {
                 Err(fault) => {
-                    lines.push(format!("{}: {fault}. Nothing that was finished is lost.", now.title));
+                    lines.push(format!(
+                        "{}: {fault}. Nothing that was finished is lost.",
+                        now.title
+                    ));
                     false
                 }
                 Ok(computed) => match session.finish(computed) {
@@ -148,7 +180,8 @@ impl Runner {
                         title: run.title().to_owned(),
                         monitor: Arc::clone(&monitor),
                     });
-                    self.worker.start(monitor, move |monitor| run.compute(monitor));
+                    self.worker
+                        .start(monitor, move |monitor| run.compute(monitor));
                     return;
                 }
                 Ok(None) => {

@@ -6,17 +6,18 @@ use std::path::PathBuf;
 use eframe::egui;
 
 use super::app::App;
+use crate::commands::DemoRequest;
 
 /// What the window begins with.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default)]
 pub enum Beginning {
     /// An empty window.
     #[default]
     Empty,
     /// This project.
     Project(PathBuf),
-    /// This project, which is measured at once before the operator's eyes.
-    Measure(PathBuf),
+    /// The demo, which is rendered and measured at once before the operator's eyes.
+    Demo(DemoRequest),
 }
 
 /// Why there is no window.
@@ -47,7 +48,11 @@ const DRIVER_PACKAGES: &str = "mesa-vulkan-drivers, or libegl1 and libgl1-mesa-d
 /// [`WindowError`].
 pub fn open(beginning: Beginning) -> Result<(), WindowError> {
     let displays = ["DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"];
-    if cfg!(target_os = "linux") && displays.iter().all(|name| std::env::var_os(name).is_none_or(|v| v.is_empty())) {
+    if cfg!(target_os = "linux")
+        && displays
+            .iter()
+            .all(|name| std::env::var_os(name).is_none_or(|v| v.is_empty()))
+    {
         return Err(WindowError::NoDisplay);
     }
     let options = eframe::NativeOptions {
@@ -80,15 +85,23 @@ pub fn open(beginning: Beginning) -> Result<(), WindowError> {
     match result {
         Ok(Ok(())) => Ok(()),
         Ok(Err(eframe::Error::WinitEventLoop(_))) => Err(WindowError::NoDisplay),
-        Ok(Err(error)) => Err(WindowError::Missing { found: one_line(&error.to_string()), packages: DRIVER_PACKAGES }),
-        Err(payload) if started.load(std::sync::atomic::Ordering::SeqCst) => std::panic::resume_unwind(payload),
+        Ok(Err(error)) => Err(WindowError::Missing {
+            found: one_line(&error.to_string()),
+            packages: DRIVER_PACKAGES,
+        }),
+        Err(payload) if started.load(std::sync::atomic::Ordering::SeqCst) => {
+            std::panic::resume_unwind(payload)
+        }
         Err(payload) => {
             let said = payload
                 .downcast_ref::<String>()
                 .map(String::as_str)
                 .or_else(|| payload.downcast_ref::<&str>().copied())
                 .unwrap_or("a library is missing");
-            Err(WindowError::Missing { found: one_line(said), packages: X_PACKAGES })
+            Err(WindowError::Missing {
+                found: one_line(said),
+                packages: X_PACKAGES,
+            })
         }
     }
 }

@@ -197,7 +197,9 @@ fn show(ui: &mut egui::Ui, stage: &mut Stage) {
         view,
         actions,
     } = stage;
+    let group = std::sync::Arc::default();
     let context = ViewContext {
+        group: &group,
         network,
         pictures,
         selection,
@@ -258,6 +260,7 @@ fn a_click_on_a_dot_selects_it_with_its_point() {
         point: Some(point),
         image: Some(FIRST),
         dot: Some((FIRST, dot)),
+        place: None,
     };
     assert_eq!(harness.state().actions, [Action::Select(expected)]);
 }

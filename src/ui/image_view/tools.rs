@@ -207,17 +207,18 @@ impl ImageView {
                     point,
                     image,
                     dot: Some((self.image, dot)),
+                    place: None,
                 }
             }
             Some(Hovered::Missed(missed)) => Selection {
                 point: Some(missed.point),
                 image,
                 dot: None,
+                place: Some((self.image, missed.place_px.into())),
             },
             Some(Hovered::Candidate(_)) | None => Selection {
-                point: None,
                 image,
-                dot: None,
+                ..Selection::default()
             },
         };
         actions.push(Action::Select(selection));

@@ -194,6 +194,7 @@ pub(super) fn select_observation(
         point,
         image: Some(image),
         dot: Some((image, dot)),
+        place: None,
     }
 }
 

@@ -174,7 +174,7 @@ impl View<'_> {
                 about: Selection {
                     image: Some(self.id),
                     dot: first.map(|dot| (self.id, dot)),
-                    point: None,
+                    ..Selection::default()
                 },
                 evidence: format!("{}: code {label} is {state}: {why}", self.name()),
                 accept: Some(Edit::Renumber {
