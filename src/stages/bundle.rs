@@ -157,6 +157,7 @@ impl Bundle {
             observations,
             distances,
             datum,
+            frame: None,
             rejected: BTreeSet::new(),
         };
         Self {
