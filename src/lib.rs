@@ -45,6 +45,10 @@
 //! - [`report`]: tables, CSV, TOML, JSON; no figure that is older than its inputs leaves the program.
 //! - [`project`]: document, history and file; two doors change the document, and both save.
 //! - [`commands`]: what the program does when it is called; prints results, asks the floors above for them.
+//!
+//! The window
+//! - [`worker`]: one named thread that computes while the window stays alive; knows no stage.
+//! - [`ui`]: the window; the only place that knows egui, eframe and wgpu. Panels draw and ask, one place applies.
 
 pub mod adjustment;
 pub mod camera;

@@ -9,18 +9,21 @@ use tiepoint::commands::{self, CommandError, Failure};
 use tiepoint::monitor::Monitor;
 use tiepoint::network::Stage;
 use tiepoint::targets::Family;
+use tiepoint::ui::window::{self, Beginning, WindowError};
 
 /// Industrial vision metrology: from photographs of coded and plain targets to coordinates with true sigmas.
 #[derive(Parser)]
-#[command(version, about)]
+#[command(version, about, args_conflicts_with_subcommands = true)]
 struct Arguments {
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
+    /// Project to open in the window; without one the window is empty.
+    project: Option<PathBuf>,
 }
 
 #[derive(Subcommand)]
 enum Command {
-    /// Render the box experiment of Hattori et al. (2002) and measure it.
+    /// Render the box experiment of Hattori et al. (2002) and measure it in the window; without a display, headless.
     Demo(Demo),
     /// Make a project from images.
     New(New),
@@ -51,6 +54,21 @@ struct Demo {
     /// Render the scene without the reference cross.
     #[arg(long)]
     no_cross: bool,
+}
+
+impl From<Demo> for commands::DemoRequest {
+    fn from(demo: Demo) -> Self {
+        let cross = if demo.no_cross {
+            commands::DemoCross::Absent
+        } else {
+            commands::DemoCross::Present
+        };
+        Self {
+            folder: demo.folder,
+            seed: demo.seed,
+            cross,
+        }
+    }
 }
 
 #[derive(Args)]
@@ -169,20 +187,63 @@ fn main() -> ExitCode {
         }
         Err(help) => help.exit(),
     };
-    let monitor = Arc::new(commands::monitor_on_terminal());
-    let interrupted = Arc::clone(&monitor);
-    // Without a handler Ctrl-C would end the program between two steps' saves: nothing is lost, only less is said.
-    let _ = ctrlc::set_handler(move || interrupted.interrupt());
-    match run(arguments.command, &monitor) {
+    let result = match arguments.command {
+        None => beginning(arguments.project).and_then(show),
+        Some(Command::Demo(demo)) => show_demo(demo.into()),
+        Some(command) => headless(|monitor| run(command, monitor)),
+    };
+    match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             commands::report_failure(&error);
             match error.failure {
                 Failure::Work => ExitCode::from(1),
                 Failure::Input => ExitCode::from(2),
+                Failure::Window => ExitCode::from(3),
                 Failure::Interrupted => ExitCode::from(130),
             }
         }
+    }
+}
+
+/// Does something that Ctrl-C stops after the step under way.
+fn headless(work: impl FnOnce(&Monitor) -> Result<(), CommandError>) -> Result<(), CommandError> {
+    let monitor = Arc::new(commands::monitor_on_terminal());
+    let interrupted = Arc::clone(&monitor);
+    // Without a handler Ctrl-C would end the program between two steps' saves: nothing is lost, only less is said.
+    let _ = ctrlc::set_handler(move || interrupted.interrupt());
+    work(&monitor)
+}
+
+/// What the window begins with: a path that leads nowhere is told before there is a window.
+fn beginning(project: Option<PathBuf>) -> Result<Beginning, CommandError> {
+    match project {
+        None => Ok(Beginning::Empty),
+        Some(path) if path.is_file() => Ok(Beginning::Project(path)),
+        Some(path) => Err(CommandError::input(format!(
+            "{}: found no file, expected a project or a command (tiepoint --help lists them)",
+            path.display()
+        ))),
+    }
+}
+
+/// Opens the window.
+fn show(beginning: Beginning) -> Result<(), CommandError> {
+    window::open(beginning).map_err(without_window)
+}
+
+fn without_window(error: WindowError) -> CommandError {
+    CommandError::window(error.to_string())
+}
+
+/// The demo in the window, or headless where there is no display.
+fn show_demo(request: commands::DemoRequest) -> Result<(), CommandError> {
+    match window::open(Beginning::Demo(request.clone())) {
+        Err(no_display @ WindowError::NoDisplay) => {
+            commands::report(&format!("{no_display}: the demo runs headless"));
+            headless(|monitor| commands::demo(&request, monitor))
+        }
+        other => other.map_err(without_window),
     }
 }
 
@@ -205,21 +266,7 @@ fn one_line(error: &clap::Error) -> String {
 
 fn run(command: Command, monitor: &Monitor) -> Result<(), CommandError> {
     match command {
-        Command::Demo(demo) => {
-            let cross = if demo.no_cross {
-                commands::DemoCross::Absent
-            } else {
-                commands::DemoCross::Present
-            };
-            commands::demo(
-                &commands::DemoRequest {
-                    folder: demo.folder,
-                    seed: demo.seed,
-                    cross,
-                },
-                monitor,
-            )
-        }
+        Command::Demo(demo) => commands::demo(&demo.into(), monitor),
         Command::New(new) => commands::new(&commands::NewRequest {
             project: new.project,
             images: new.images,

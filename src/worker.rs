@@ -76,6 +76,15 @@ impl<T: Send + 'static> Worker<T> {
     }
 }
 
+/// Does something that may wait for long, a dialog of the system for one, on a thread of its own; it answers by what it
+/// was given.
+///
+/// # Errors
+/// Where the system gives no thread.
+pub fn apart(name: &str, work: impl FnOnce() + Send + 'static) -> std::io::Result<()> {
+    thread::Builder::new().name(name.to_owned()).spawn(work).map(drop)
+}
+
 fn said(payload: &(dyn Any + Send)) -> String {
     payload
         .downcast_ref::<&str>()

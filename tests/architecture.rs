@@ -11,7 +11,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The floors, highest in the order of use first: a floor uses those before it, never those after it.
-const FLOORS: [&str; 14] = [
+const FLOORS: [&str; 16] = [
     "monitor",
     "geometry",
     "camera",
@@ -26,6 +26,8 @@ const FLOORS: [&str; 14] = [
     "report",
     "project",
     "commands",
+    "worker",
+    "ui",
 ];
 
 /// Floors that stand before another but are not for it, with the reason.
@@ -88,7 +90,13 @@ enum Scope {
     Everything,
 }
 
-const EDGES: &[&str] = &["commands/", "project/", "main.rs"];
+const EDGES: &[&str] = &[
+    "commands/",
+    "project/",
+    "worker.rs",
+    "ui/window.rs",
+    "main.rs",
+];
 
 const RESERVED: [Reserved; 9] = [
     Reserved {

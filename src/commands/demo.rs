@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
@@ -45,6 +45,33 @@ pub struct DemoRequest {
     pub cross: DemoCross,
 }
 
+impl DemoRequest {
+    /// The demo of seed 1 with its cross.
+    #[must_use]
+    pub fn usual(folder: &Path) -> Self {
+        Self {
+            folder: folder.to_owned(),
+            seed: 1,
+            cross: DemoCross::Present,
+        }
+    }
+}
+
+/// A demo that is ready to be measured.
+pub struct PreparedDemo {
+    /// Its project.
+    pub project: PathBuf,
+    truth: Truth,
+    pictures: DemoPictures,
+}
+
+/// Where the pictures of a demo come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum DemoPictures {
+    Rendered,
+    Reused,
+}
+
 /// The truth beside the pictures; written last, so that it says that they are complete.
 #[derive(Serialize, Deserialize)]
 struct DemoTruth {
@@ -75,18 +102,55 @@ pub fn demo(request: &DemoRequest, monitor: &Monitor) -> Result<(), CommandError
         folder: request.folder.clone(),
     };
     let begun = Instant::now();
-    let demo = match complete_truth(&files, request)? {
-        Some(demo) => {
-            say(&format!(
-                "{}: pictures are there already, reused",
-                request.folder.display()
-            ));
-            demo
-        }
-        None => render_demo(&files, request, monitor)?,
-    };
+    let demo = prepare_demo(request, monitor)?;
     let rendered = begun.elapsed().as_secs_f64();
+    if demo.pictures == DemoPictures::Reused {
+        say(&format!(
+            "{}: pictures are there already, reused",
+            request.folder.display()
+        ));
+    }
+    let mut session = open_to_change(&demo.project)?;
+    let begun = Instant::now();
+    let runs = measure(&mut session, Stage::Adjust, monitor)?;
+    let measured = begun.elapsed().as_secs_f64();
+    if runs.iter().any(|run| run.outcome == Outcome::Interrupted) {
+        return Err(CommandError::interrupted());
+    }
+    let network = session.network().clone();
+    drop(session);
+    let project = demo.project;
+    let check = check_against_truth(&network, &demo.truth)
+        .map_err(|e| CommandError::work(format!("{}: {e}", project.display())))?;
+    show(&result_table(&network, &check, &runs, rendered, measured))?;
+    export(&ExportRequest {
+        project: project.clone(),
+        points: Some(files.at("points.csv")),
+        observations: Some(files.at("observations.csv")),
+        stations: Some(files.at("stations.csv")),
+        cameras: Some(files.at("cameras.toml")),
+    })?;
+    show(&file_list(&files))
+}
 
+/// Renders the box experiment (or reuses the pictures where they are complete) and makes its project where there is none.
+///
+/// # Errors
+/// [`CommandError`] where the folder cannot be written, holds another demo, or the work is interrupted.
+pub fn prepare_demo(
+    request: &DemoRequest,
+    monitor: &Monitor,
+) -> Result<PreparedDemo, CommandError> {
+    let files = DemoFiles {
+        folder: request.folder.clone(),
+    };
+    let (demo, pictures) = match complete_truth(&files, request)? {
+        Some(demo) => (demo, DemoPictures::Reused),
+        None => (
+            render_demo(&files, request, monitor)?,
+            DemoPictures::Rendered,
+        ),
+    };
     let project = files.at("box.tiepoint");
     if !project.exists() {
         new(&NewRequest {
@@ -100,26 +164,11 @@ pub fn demo(request: &DemoRequest, monitor: &Monitor) -> Result<(), CommandError
             families: vec![Family::Dot420],
         })?;
     }
-    let mut session = open_to_change(&project)?;
-    let begun = Instant::now();
-    let runs = measure(&mut session, Stage::Adjust, monitor)?;
-    let measured = begun.elapsed().as_secs_f64();
-    if runs.iter().any(|run| run.outcome == Outcome::Interrupted) {
-        return Err(CommandError::interrupted());
-    }
-    let network = session.network().clone();
-    drop(session);
-    let check = check_against_truth(&network, &demo.truth)
-        .map_err(|e| CommandError::work(format!("{}: {e}", project.display())))?;
-    show(&result_table(&network, &check, &runs, rendered, measured))?;
-    export(&ExportRequest {
-        project: project.clone(),
-        points: Some(files.at("points.csv")),
-        observations: Some(files.at("observations.csv")),
-        stations: Some(files.at("stations.csv")),
-        cameras: Some(files.at("cameras.toml")),
-    })?;
-    show(&file_list(&files))
+    Ok(PreparedDemo {
+        project,
+        truth: demo.truth,
+        pictures,
+    })
 }
 
 /// The truth of a complete demo in the folder; `None` where there is none.

@@ -21,12 +21,12 @@ use crate::project::storage::StorageError;
 use crate::report::WriteError;
 
 pub use codes::codes;
-pub use demo::{DemoCross, DemoRequest, demo};
+pub use demo::{DemoCross, DemoRequest, PreparedDemo, demo, prepare_demo};
 pub use detect::{DetectRequest, detect};
 pub use export::{ExportRequest, compare, export};
 pub use project::{NewRequest, add, exclude, new};
 pub use run::{measure, run};
-pub use terminal::{monitor_on_terminal, report_failure};
+pub use terminal::{monitor_on_terminal, report, report_failure};
 
 /// How results are printed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,6 +52,8 @@ pub enum Failure {
     Work,
     /// Arguments or input files are bad (2).
     Input,
+    /// There is no window: no display, or a driver or library is missing (3).
+    Window,
     /// Interrupted (130).
     Interrupted,
 }
@@ -81,6 +83,15 @@ impl CommandError {
     pub fn input(line: impl Into<String>) -> Self {
         Self {
             failure: Failure::Input,
+            line: line.into(),
+        }
+    }
+
+    /// There is no window.
+    #[must_use]
+    pub fn window(line: impl Into<String>) -> Self {
+        Self {
+            failure: Failure::Window,
             line: line.into(),
         }
     }

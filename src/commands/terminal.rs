@@ -76,6 +76,11 @@ pub(super) fn show(text: &str) -> Result<(), CommandError> {
     }
 }
 
+/// A remark in one line on stderr.
+pub fn report(line: &str) {
+    say(&format!("tiepoint: {line}"));
+}
+
 /// A failure in one line on stderr.
 pub fn report_failure(error: &CommandError) {
     say(&format!("tiepoint: {}", error.line));

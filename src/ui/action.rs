@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use super::app::Command;
 use crate::network::{ImageId, PointId, Stage};
 use crate::project::edit::Edit;
 use crate::targets::DotIndex;
@@ -31,31 +32,24 @@ pub enum RunRequest {
 /// What a panel, a key or a menu asks for.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Action {
+    /// A command of the menus.
+    Do(Command),
     /// Open a project file.
     Open(PathBuf),
-    /// Ask for a project file.
-    AskOpen,
-    /// Make a project from a folder of images.
-    New {
-        /// Project file to make.
-        project: PathBuf,
-        /// Images.
-        images: Vec<PathBuf>,
-    },
-    /// Render the demo and measure it.
-    Demo,
+    /// Files or folders were dropped on the window.
+    Dropped(Vec<PathBuf>),
+    /// A dialog of the system answered the open form.
+    Chosen(PathBuf),
     /// Save a copy of the project.
     SaveCopy(PathBuf),
+    /// Look for missing pictures in this folder.
+    FindPictures(PathBuf),
     /// Run stages.
     Run(RunRequest),
     /// Stop what runs.
     Interrupt,
     /// Change the document.
     Edit(Edit),
-    /// Take the last step or edit back.
-    Undo,
-    /// Do it again.
-    Redo,
     /// Select something.
     Select(Selection),
     /// Select something and bring it into view.

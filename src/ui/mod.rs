@@ -5,7 +5,7 @@
 //! another, and what is drawn is cached by `Arc::ptr_eq` on the document.
 
 pub mod action;
-// pub mod app;
+pub mod app;
 pub mod context;
 pub mod format;
 pub mod image_view;
@@ -15,4 +15,4 @@ pub mod panels;
 pub mod pictures;
 pub mod runner;
 pub mod theme;
-// pub mod window;
+pub mod window;

@@ -24,6 +24,8 @@ pub struct Runner {
     worker: Worker<Computed>,
     now: Option<Now>,
     pending: Vec<Edit>,
+    /// Results still to come of steps that nobody waits for any more.
+    forgotten: usize,
 }
 
 impl Runner {
@@ -32,7 +34,7 @@ impl Runner {
     /// # Errors
     /// Where the system gives no thread.
     pub fn new(wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
-        Ok(Self { worker: Worker::new("compute", wake)?, now: None, pending: Vec::new() })
+        Ok(Self { worker: Worker::new("compute", wake)?, now: None, pending: Vec::new(), forgotten: 0 })
     }
 
     /// Whether a step is under way.
@@ -79,6 +81,20 @@ impl Runner {
         }
     }
 
+    /// Stops the step under way and forgets it with the edits that wait: the document goes.
+    pub fn forget(&mut self) {
+        if let Some(now) = self.now.take() {
+            now.monitor.interrupt();
+            self.forgotten += 1;
+        }
+        self.pending.clear();
+    }
+
+    /// Takes back the last edit that waits.
+    pub fn take_back_pending(&mut self) -> Option<Edit> {
+        self.pending.pop()
+    }
+
     /// An edit: made at once, or kept until the step under way ends.
     pub fn edit(&mut self, session: &mut Session, edit: Edit) -> Option<String> {
         if self.is_running() {
@@ -93,6 +109,10 @@ impl Runner {
     pub fn poll(&mut self, session: &mut Session) -> Vec<String> {
         let mut lines = Vec::new();
         while let Some(result) = self.worker.poll() {
+            if self.forgotten > 0 {
+                self.forgotten -= 1;
+                continue;
+            }
             let Some(now) = self.now.take() else { continue };
             let go_on = match result {
                 Err(fault) => {

@@ -6,17 +6,18 @@ use std::path::PathBuf;
 use eframe::egui;
 
 use super::app::App;
+use crate::commands::DemoRequest;
 
 /// What the window begins with.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default)]
 pub enum Beginning {
     /// An empty window.
     #[default]
     Empty,
     /// This project.
     Project(PathBuf),
-    /// This project, which is measured at once before the operator's eyes.
-    Measure(PathBuf),
+    /// The demo, which is rendered and measured at once before the operator's eyes.
+    Demo(DemoRequest),
 }
 
 /// Why there is no window.

@@ -1,74 +1,154 @@
-//! The stage panel: six stages, what each needs, step, run, interrupt, progress.
+//! The stage panel: six stages, what each needs, its settings with units and reasons; step, run, interrupt, progress.
 
-use egui::{Button, ProgressBar, RichText, Ui};
+use egui::{Button, CollapsingHeader, DragValue, ProgressBar, RichText, ScrollArea, Ui};
 
-use crate::network::{Network, Outcome, Stage};
+use crate::network::{MeasurementSettings, Network, Outcome, Stage};
+use crate::project::edit::Edit;
+use crate::targets::Family;
 use crate::ui::action::{Action, RunRequest};
+use crate::ui::context::ViewContext;
 use crate::ui::runner::Runner;
 use crate::ui::theme;
 
 /// The stage panel.
 #[derive(Default)]
-pub struct StagesPanel;
+pub struct StagesPanel {
+    /// Settings that are being changed and not yet applied.
+    draft: Option<MeasurementSettings>,
+}
 
 impl StagesPanel {
     /// Draws the panel and asks for what was clicked.
-    pub fn ui(&mut self, ui: &mut Ui, network: &Network, runner: &Runner, actions: &mut Vec<Action>) {
-        let running = runner.is_running();
-        ui.horizontal_wrapped(|ui| {
-            let mut ask = |ui: &mut Ui, label: &str, enabled: bool, hint: &str, action: Action| {
-                if ui.add_enabled(enabled, Button::new(label)).on_hover_text(hint).clicked() {
-                    actions.push(action);
-                }
-            };
-            ask(ui, "Step", !running, "One step of the next stage (F5)", Action::Run(RunRequest::Step));
-            ask(ui, "Run stage", !running, "The next stage to its end (Shift+F5)", Action::Run(RunRequest::Stage));
-            ask(
-                ui,
-                "Run all",
-                !running,
-                "All stages (Ctrl+F5)",
-                Action::Run(RunRequest::Until(Stage::Adjust)),
-            );
-            ask(ui, "Interrupt", running, "Stop; finished steps are kept (Esc)", Action::Interrupt);
+    pub fn ui(&mut self, ui: &mut Ui, context: &ViewContext<'_>, runner: &Runner, actions: &mut Vec<Action>) {
+        ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+            progress(ui, runner);
+            if !context.pending.is_empty() {
+                let text = match context.pending.len() {
+                    1 => "1 edit waits for the end of this step".to_owned(),
+                    count => format!("{count} edits wait for the end of this step"),
+                };
+                let titles: Vec<String> = context.pending.iter().map(|edit| edit.title(context.network)).collect();
+                ui.colored_label(theme::DOUBTFUL, text).on_hover_text(titles.join("\n"));
+            }
+            for stage in Stage::ALL {
+                stage_row(ui, context.network, stage, runner, actions);
+            }
+            ui.separator();
+            CollapsingHeader::new("Settings").show(ui, |ui| self.settings(ui, context.network, actions));
         });
-        if let Some((stage, title, progress)) = runner.progress() {
-            let what = if runner.is_stopping() { "stopping" } else { title };
-            ui.label(format!("{stage}: {what}"));
-            let share = progress.done as f32 / progress.total.max(1) as f32;
-            let left = progress.total.saturating_sub(progress.done);
-            let bar = ProgressBar::new(if progress.total > 0 { share } else { 0.0 });
-            ui.add(bar.text(if progress.total > 0 {
-                format!("{} ({left} left)", progress.title)
-            } else {
-                progress.title.clone()
-            }));
-        }
-        if !runner.pending().is_empty() {
-            let text = format!("{} edits wait for the end of this step", runner.pending().len());
-            ui.colored_label(theme::DOUBTFUL, text);
-        }
-        ui.separator();
-        for stage in Stage::ALL {
-            stage_row(ui, network, stage, runner, actions);
+    }
+
+    fn settings(&mut self, ui: &mut Ui, network: &Network, actions: &mut Vec<Action>) {
+        let present = network.settings.as_ref();
+        let draft = self.draft.get_or_insert_with(|| present.clone());
+        heading(ui, Stage::Detect);
+        ui.label("Codes to look for");
+        ui.horizontal_wrapped(|ui| {
+            for family in Family::ALL {
+                let mut sought = draft.families.contains(&family);
+                if ui.checkbox(&mut sought, family.to_string()).changed() {
+                    draft.families.retain(|other| *other != family);
+                    if sought {
+                        draft.families.push(family);
+                        draft.families.sort_unstable();
+                    }
+                }
+            }
+        })
+        .response
+        .on_hover_text("Another choice detects all images again: labels given by hand go with their dots.");
+        number(
+            ui,
+            "Diameter of plain targets",
+            "Their size tells them from other light, and carries their eccentricity.",
+            DragValue::new(&mut draft.targets.plain_dot_mm).range(0.1..=200.0).speed(0.05).suffix(" mm"),
+        );
+        number(
+            ui,
+            "Images in one step",
+            "More are quicker on many cores, fewer answer an interrupt with less to do again.",
+            DragValue::new(&mut draft.detection_batch).range(1..=64),
+        );
+        heading(ui, Stage::Identify);
+        number(
+            ui,
+            "Fewest rays of a target",
+            "Two rays always nearly meet somewhere; three that meet are no accident.",
+            DragValue::new(&mut draft.min_rays).range(3..=20),
+        );
+        heading(ui, Stage::Adjust);
+        number(
+            ui,
+            "Rejection limit |w|",
+            "Normalised residual (Baarda) above which an observation is a gross error; 4.0 rejects one good one in 16,000.",
+            DragValue::new(&mut draft.critical_w).range(2.5..=10.0).speed(0.02).suffix(" sigma"),
+        );
+        number(
+            ui,
+            "Seed of random samples",
+            "The same seed gives the same digits.",
+            DragValue::new(&mut draft.seed),
+        );
+        let changed = draft != present && !draft.families.is_empty();
+        ui.horizontal(|ui| {
+            if ui.add_enabled(changed, Button::new("Apply settings")).clicked() {
+                actions.push(Action::Edit(Edit::Settings(Box::new(draft.clone()))));
+            }
+            if ui.add_enabled(changed, Button::new("Discard")).clicked() {
+                *draft = present.clone();
+            }
+        });
+        if !changed {
+            self.draft = None;
         }
     }
 }
 
+fn heading(ui: &mut Ui, stage: Stage) {
+    ui.add_space(4.0);
+    ui.weak(title(stage));
+}
+
+fn number(ui: &mut Ui, name: &str, reason: &str, field: DragValue<'_>) {
+    ui.horizontal(|ui| {
+        let label = ui.label(name).on_hover_text(reason);
+        ui.add(field).labelled_by(label.id).on_hover_text(reason);
+    });
+}
+
+fn progress(ui: &mut Ui, runner: &Runner) {
+    let Some((stage, step, progress)) = runner.progress() else {
+        return;
+    };
+    let what = if runner.is_stopping() { "stopping" } else { step };
+    ui.label(format!("{}: {what}", title(stage)));
+    let share = progress.done as f32 / progress.total.max(1) as f32;
+    let left = progress.total.saturating_sub(progress.done);
+    let text = if progress.total > 0 {
+        format!("{} ({left} left)", progress.title)
+    } else {
+        progress.title
+    };
+    ui.add(ProgressBar::new(share).text(text));
+}
+
 fn stage_row(ui: &mut Ui, network: &Network, stage: Stage, runner: &Runner, actions: &mut Vec<Action>) {
-    let state = state_of(network, stage);
     let now = runner.progress().is_some_and(|(running, ..)| running == stage);
     let mark = if now { ">" } else { " " };
     ui.horizontal(|ui| {
         ui.monospace(mark);
         let label = ui.add_enabled(!runner.is_running(), Button::new(title(stage)).frame(false));
-        if label.on_hover_text(format!("{}\nClick: run up to here", hint(stage))).clicked() {
+        let needs = stage.missing(network).map_or_else(String::new, |missing| format!("\nNow: {missing}."));
+        if label.on_hover_text(format!("{}\nClick: run up to here.{needs}", hint(stage))).clicked() {
             actions.push(Action::Run(RunRequest::Until(stage)));
         }
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            ui.label(state);
+            ui.label(state_of(network, stage));
         });
     });
+    if let (false, Some(missing)) = (network.is_concluded(stage), stage.missing(network)) {
+        ui.indent(title(stage), |ui| ui.weak(missing.to_string()));
+    }
 }
 
 /// The stage's name as the operator reads it.
@@ -86,12 +166,14 @@ pub fn title(stage: Stage) -> &'static str {
 
 fn hint(stage: Stage) -> &'static str {
     match stage {
-        Stage::Detect => "Finds dots and reads codes in every image.",
-        Stage::FirstPair => "Orients two images from the reference cross, or from the codes both show.",
-        Stage::Connect => "Orients the other images one by one from known codes.",
-        Stage::AdjustCodes => "Free-network adjustment of all code dots with self-calibration.",
-        Stage::Identify => "Names the plain targets by multi-ray intersection, in passes.",
-        Stage::Adjust => "Final free-network adjustment with inner constraints on the plain targets.",
+        Stage::Detect => "Finds dots and reads codes in every image. Needs images that can be read.",
+        Stage::FirstPair => {
+            "Orients two images from the reference cross, or from the codes both show. Needs two detected images."
+        }
+        Stage::Connect => "Orients the other images one by one from points known so far. Needs a first pair.",
+        Stage::AdjustCodes => "Free-network adjustment of all code dots with self-calibration. Needs oriented images.",
+        Stage::Identify => "Names the plain targets by multi-ray intersection, in passes. Needs oriented images.",
+        Stage::Adjust => "Final adjustment of everything, with the datum on the plain targets. Needs oriented images.",
     }
 }
 
@@ -105,12 +187,9 @@ fn state_of(network: &Network, stage: Stage) -> RichText {
         Stage::Connect => Some((oriented, used)),
         _ => None,
     };
-    let word = match network.conclusions.get(&stage).filter(|_| network.is_concluded(stage)) {
-        Some(conclusion) => conclusion.outcome.to_string(),
-        None => "open".to_owned(),
-    };
-    let text = counted.map_or(word.clone(), |(done, all)| format!("{done}/{all} {word}"));
     let outcome = network.conclusions.get(&stage).filter(|_| network.is_concluded(stage)).map(|c| c.outcome);
+    let word = outcome.map_or_else(|| "open".to_owned(), |outcome| outcome.to_string());
+    let text = counted.map_or(word.clone(), |(done, all)| format!("{done}/{all} {word}"));
     match outcome {
         Some(Outcome::Done) => RichText::new(text).color(theme::CODE),
         Some(Outcome::Incomplete) => RichText::new(text).color(theme::DOUBTFUL),

@@ -1,0 +1,261 @@
+//! The application: the document, what runs, what is selected, and the one place that applies actions.
+//!
+//! A frame goes in three parts: what workers finished is taken over, the panels draw and ask, the actions are applied
+//! ([`apply`]). Opening, making and copying projects is slow and goes through the [`loader`]; every command has one
+//! entry in the [`catalogue`], from which menu, keys, palette and the list of keys are made.
+
+mod apply;
+mod catalogue;
+mod forms;
+mod loader;
+mod menu;
+mod palette;
+mod panes;
+mod sight;
+mod start;
+
+use std::collections::VecDeque;
+use std::path::PathBuf;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::Duration;
+
+use eframe::egui::{self, Context};
+use egui_tiles::Tree;
+
+use super::action::{Action, RunRequest, Selection};
+use super::image_view::ImageView;
+use super::layout::{Pane, first_layout};
+use super::network_view::NetworkView;
+use super::panels::findings::Findings;
+use super::panels::images::Images;
+use super::panels::inspector::Inspector;
+use super::panels::journal::Journal;
+use super::panels::plots::Plots;
+use super::panels::review::Review;
+use super::panels::stages::StagesPanel;
+use super::panels::tables::Tables;
+use super::pictures::{PictureSettings, PictureStore};
+use super::runner::Runner;
+use super::window::Beginning;
+use crate::network::{Network, Stage};
+use crate::project::session::Session;
+use loader::Loader;
+use palette::Palette;
+use start::Start;
+
+pub use catalogue::Command;
+
+/// Image panels of the first layout.
+const FIRST_IMAGE_PANELS: usize = 2;
+
+/// Lines for the operator that are kept.
+const MESSAGES_KEPT: usize = 100;
+
+/// How often progress is looked at: it is state, not an event.
+const PROGRESS_EVERY: Duration = Duration::from_millis(50);
+
+/// An open project.
+struct Document {
+    session: Session,
+    project: PathBuf,
+}
+
+/// The application.
+pub struct App {
+    document: Option<Document>,
+    empty: Network,
+    runner: Runner,
+    loader: Loader,
+    pictures: PictureStore,
+    selection: Selection,
+    /// Lines for the operator, newest last.
+    messages: VecDeque<String>,
+    panels: Panels,
+    tree: Tree<Pane>,
+    palette: Palette,
+    start: Start,
+    forms: forms::Forms,
+    /// Answers of dialogs, which run on threads of their own.
+    answers: Receiver<Action>,
+    ask: Sender<Action>,
+}
+
+/// The panels with their small state.
+struct Panels {
+    stages: StagesPanel,
+    images: Images,
+    views: Vec<Option<ImageView>>,
+    network: NetworkView,
+    inspector: Inspector,
+    findings: Findings,
+    review: Review,
+    tables: Tables,
+    plots: Plots,
+    journal: Journal,
+}
+
+/// Why the application could not be made.
+#[derive(Debug, thiserror::Error)]
+#[error("the system gives no thread: {0}")]
+pub struct NoThread(#[from] std::io::Error);
+
+impl App {
+    /// The application in its window.
+    ///
+    /// # Errors
+    /// [`NoThread`].
+    pub fn new(creation: &eframe::CreationContext<'_>, beginning: Beginning) -> Result<Self, NoThread> {
+        if let Some(state) = &creation.wgpu_render_state {
+            super::image_view::install(state);
+            NetworkView::install(state);
+        }
+        // Retro-reflective pictures are dark, and so is the room where they are looked at.
+        creation.egui_ctx.set_theme(egui::Theme::Dark);
+        let waking = |context: &Context| {
+            let context = context.clone();
+            move || context.request_repaint()
+        };
+        let (ask, answers) = channel();
+        let mut app = Self {
+            document: None,
+            empty: Network::default(),
+            runner: Runner::new(waking(&creation.egui_ctx))?,
+            loader: Loader::new(waking(&creation.egui_ctx))?,
+            pictures: PictureStore::new(PictureSettings::default(), waking(&creation.egui_ctx))?,
+            selection: Selection::default(),
+            messages: VecDeque::new(),
+            panels: Panels {
+                stages: StagesPanel::default(),
+                images: Images::default(),
+                views: Vec::new(),
+                network: NetworkView::new(),
+                inspector: Inspector::default(),
+                findings: Findings::default(),
+                review: Review::default(),
+                tables: Tables::default(),
+                plots: Plots::default(),
+                journal: Journal,
+            },
+            tree: first_layout(FIRST_IMAGE_PANELS),
+            palette: Palette::default(),
+            start: Start::default(),
+            forms: forms::Forms::default(),
+            answers,
+            ask,
+        };
+        app.set_image_panels(FIRST_IMAGE_PANELS);
+        match beginning {
+            Beginning::Empty => {}
+            Beginning::Project(path) => app.apply(Action::Open(path), &creation.egui_ctx),
+            Beginning::Demo(request) => app.begin_demo(request),
+        }
+        Ok(app)
+    }
+
+    /// The document, where one is open.
+    #[must_use]
+    pub fn session(&self) -> Option<&Session> {
+        self.document.as_ref().map(|document| &document.session)
+    }
+
+    /// The measurement; empty where no project is open.
+    #[must_use]
+    pub fn network(&self) -> &Network {
+        self.session().map_or(&self.empty, |session| session.network())
+    }
+
+    /// What runs.
+    #[must_use]
+    pub fn runner(&self) -> &Runner {
+        &self.runner
+    }
+
+    /// Whether nothing is under way: no step, no file.
+    #[must_use]
+    pub fn is_idle(&self) -> bool {
+        !self.runner.is_running() && !self.loader.is_busy()
+    }
+
+    /// The last line for the operator.
+    #[must_use]
+    pub fn message(&self) -> &str {
+        self.messages.back().map_or("", String::as_str)
+    }
+
+    /// What is selected.
+    #[must_use]
+    pub fn selection(&self) -> &Selection {
+        &self.selection
+    }
+
+    /// The image panels, in their order.
+    pub fn image_views(&self) -> impl Iterator<Item = &ImageView> {
+        self.panels.views.iter().flatten()
+    }
+
+    /// The 3D view.
+    #[must_use]
+    pub fn network_view(&self) -> &NetworkView {
+        &self.panels.network
+    }
+
+    /// Pictures that are decoded.
+    #[must_use]
+    pub fn pictures(&self) -> &PictureStore {
+        &self.pictures
+    }
+
+    fn say(&mut self, line: impl Into<String>) {
+        if self.messages.len() == MESSAGES_KEPT {
+            self.messages.pop_front();
+        }
+        self.messages.push_back(line.into());
+    }
+
+    /// Takes over what workers finished.
+    fn take_over(&mut self, context: &Context) {
+        self.pictures.poll();
+        self.take_loaded(context);
+        if let Some(document) = &mut self.document {
+            for line in self.runner.poll(&mut document.session) {
+                self.say(line);
+            }
+        }
+        if !self.is_idle() {
+            context.request_repaint_after(PROGRESS_EVERY);
+        }
+        let answers: Vec<Action> = self.answers.try_iter().collect();
+        for action in answers {
+            self.apply(action, context);
+        }
+    }
+
+    /// Runs everything that is still to do.
+    fn run_all(&mut self, context: &Context) {
+        self.apply(Action::Run(RunRequest::Until(Stage::Adjust)), context);
+    }
+}
+
+impl eframe::App for App {
+    fn logic(&mut self, context: &Context, _frame: &mut eframe::Frame) {
+        self.take_over(context);
+    }
+
+    fn ui(&mut self, ui: &mut egui::Ui, _frame: &mut eframe::Frame) {
+        let context = ui.ctx().clone();
+        let mut actions = Vec::new();
+        self.modal_keys(&context);
+        egui::Panel::top("menu").show(ui, |ui| self.menu(ui, &mut actions));
+        egui::Panel::bottom("status").show(ui, |ui| self.status(ui, &mut actions));
+        egui::CentralPanel::default().show(ui, |ui| match &self.document {
+            Some(_) => self.panes(ui, &mut actions),
+            None => self.start_page(ui, &mut actions),
+        });
+        self.windows(&context, &mut actions);
+        // Keys after the panels: a text field or a panel with the focus has taken its own by now.
+        actions.extend(self.shortcuts(&context));
+        for action in actions {
+            self.apply(action, &context);
+        }
+    }
+}

@@ -1,0 +1,233 @@
+//! The command palette and the list of keys.
+
+use egui::{Align2, Context, Grid, Key, Modifiers, ScrollArea, TextEdit, Ui, Window, vec2};
+
+use super::catalogue::VIEW_KEYS;
+use super::{App, Command};
+use crate::network::{Network, PointId};
+use crate::ui::action::{Action, Selection};
+use crate::ui::image_view::ImageView;
+
+/// Entries that the palette shows at once.
+const SHOWN: usize = 14;
+
+/// Which of the two lists is open.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Open {
+    #[default]
+    Nothing,
+    Commands,
+    Keys,
+}
+
+/// The palette's state.
+#[derive(Default)]
+pub(super) struct Palette {
+    open: Open,
+    text: String,
+    chosen: usize,
+}
+
+/// One line of the palette.
+struct Entry {
+    text: String,
+    action: Action,
+}
+
+impl Palette {
+    pub(super) fn open_commands(&mut self) {
+        *self = Self { open: Open::Commands, ..Self::default() };
+    }
+
+    pub(super) fn open_keys(&mut self) {
+        self.open = Open::Keys;
+    }
+
+    pub(super) fn is_open(&self) -> bool {
+        self.open != Open::Nothing
+    }
+
+    pub(super) fn close(&mut self) {
+        self.open = Open::Nothing;
+    }
+}
+
+impl App {
+    /// The palette, the list of keys, and the forms.
+    pub(super) fn windows(&mut self, context: &Context, actions: &mut Vec<Action>) {
+        match self.palette.open {
+            Open::Nothing => {}
+            Open::Commands => self.palette_window(context, actions),
+            Open::Keys => self.keys_window(context),
+        }
+        self.forms_window(context, actions);
+    }
+
+    /// Esc closes what lies on top before anything else hears of it.
+    pub(super) fn modal_keys(&mut self, context: &Context) {
+        if (self.palette.is_open() || self.forms.is_open())
+            && context.input_mut(|input| input.consume_key(Modifiers::NONE, Key::Escape))
+        {
+            self.palette.close();
+            self.forms.close();
+        }
+    }
+
+    fn palette_window(&mut self, context: &Context, actions: &mut Vec<Action>) {
+        let entries = self.entries();
+        let palette = &mut self.palette;
+        let mut done = false;
+        Window::new("Commands, images, points")
+            .anchor(Align2::CENTER_TOP, vec2(0.0, 60.0))
+            .resizable(false)
+            .collapsible(false)
+            .show(context, |ui| {
+                done = palette.ui(ui, &entries, actions);
+            });
+        if done {
+            palette.close();
+        }
+    }
+
+    /// What the text in the palette finds: commands first, then images and points.
+    fn entries(&self) -> Vec<Entry> {
+        let words: Vec<String> = self.palette.text.split_whitespace().map(str::to_lowercase).collect();
+        let fits = |text: &str| {
+            let text = text.to_lowercase();
+            words.iter().all(|word| text.contains(word.as_str()))
+        };
+        let network = self.network();
+        let commands = Command::ALL.into_iter().filter(|command| self.can(*command)).map(|command| Entry {
+            text: command.title().to_owned(),
+            action: Action::Do(command),
+        });
+        let images = network.images.iter().map(|(id, image)| Entry {
+            text: format!("image {}", image.file.path),
+            action: Action::Select(Selection { image: Some(*id), ..Selection::default() }),
+        });
+        let points = network.points.keys().map(|id| Entry {
+            text: format!("point {}", network.label(*id)),
+            action: Action::LookAt(Selection { point: Some(*id), ..Selection::default() }),
+        });
+        let mut found: Vec<Entry> =
+            commands.chain(images).chain(points).filter(|entry| fits(&entry.text)).take(SHOWN).collect();
+        if let Some(point) = exact_point(network, &self.palette.text) {
+            let text = format!("point {}", network.label(point));
+            found.retain(|entry| entry.text != text);
+            let selection = Selection { point: Some(point), ..Selection::default() };
+            found.insert(0, Entry { text, action: Action::LookAt(selection) });
+        }
+        found
+    }
+
+    fn keys_window(&mut self, context: &Context) {
+        let mut open = true;
+        Window::new("All keys").open(&mut open).default_size(vec2(460.0, 520.0)).show(context, |ui| {
+            ScrollArea::vertical().show(ui, |ui| {
+                ui.strong("Everywhere");
+                Grid::new("keys of commands").striped(true).show(ui, |ui| {
+                    for command in Command::ALL {
+                        if let Some(keys) = command.shortcut() {
+                            ui.monospace(ui.ctx().format_shortcut(&keys));
+                            ui.label(command.title());
+                            ui.end_row();
+                        }
+                    }
+                });
+                let mut place = "";
+                for key in &VIEW_KEYS {
+                    if key.place != place {
+                        place = key.place;
+                        ui.add_space(8.0);
+                        ui.strong(place);
+                    }
+                    ui.horizontal(|ui| {
+                        ui.monospace(key.keys);
+                        ui.label(key.meaning);
+                    });
+                }
+            });
+        });
+        if !open {
+            self.palette.close();
+        }
+    }
+
+    /// Commands by their keys.
+    pub(super) fn shortcuts(&self, context: &Context) -> Vec<Action> {
+        let typing = context.text_edit_focused();
+        let escape_is_theirs = self.panels.views.iter().flatten().any(ImageView::wants_escape);
+        let mut actions = Vec::new();
+        context.input_mut(|input| {
+            // Those with more modifier keys first: Shift+F5 is also F5.
+            let mut commands = Command::ALL;
+            commands.sort_by_key(|command| {
+                let keys = command.shortcut().map(|shortcut| shortcut.modifiers);
+                std::cmp::Reverse(keys.map_or(0, |keys| {
+                    [keys.alt, keys.ctrl || keys.command, keys.shift].into_iter().filter(|held| *held).count()
+                }))
+            });
+            for command in commands {
+                let theirs = command == Command::Interrupt && escape_is_theirs;
+                let Some(shortcut) = command.shortcut().filter(|_| !(theirs || typing && command.is_letter())) else {
+                    continue;
+                };
+                if input.consume_shortcut(&shortcut) && self.can(command) {
+                    actions.push(Action::Do(command));
+                }
+            }
+            let dropped: Vec<_> =
+                std::mem::take(&mut input.raw.dropped_files).iter().map(|file| file.path().to_owned()).collect();
+            if !dropped.is_empty() {
+                actions.push(Action::Dropped(dropped));
+            }
+        });
+        actions
+    }
+}
+
+impl Palette {
+    /// Draws it; true when it is done with.
+    fn ui(&mut self, ui: &mut Ui, entries: &[Entry], actions: &mut Vec<Action>) -> bool {
+        let (up, down, enter) = ui.input_mut(|input| {
+            (
+                input.consume_key(Modifiers::NONE, Key::ArrowUp),
+                input.consume_key(Modifiers::NONE, Key::ArrowDown),
+                input.consume_key(Modifiers::NONE, Key::Enter),
+            )
+        });
+        let field = ui.add(TextEdit::singleline(&mut self.text).hint_text("type to find").desired_width(360.0));
+        field.request_focus();
+        if field.changed() {
+            self.chosen = 0;
+        }
+        let last = entries.len().saturating_sub(1);
+        self.chosen = match (up, down) {
+            (true, _) => self.chosen.saturating_sub(1),
+            (_, true) => (self.chosen + 1).min(last),
+            _ => self.chosen.min(last),
+        };
+        let mut taken = enter.then_some(self.chosen);
+        for (place, entry) in entries.iter().enumerate() {
+            if ui.selectable_label(place == self.chosen, &entry.text).clicked() {
+                taken = Some(place);
+            }
+        }
+        if entries.is_empty() {
+            ui.weak("Nothing is called so.");
+        }
+        match taken.and_then(|place| entries.get(place)) {
+            Some(entry) => {
+                actions.push(entry.action.clone());
+                true
+            }
+            None => false,
+        }
+    }
+}
+
+/// The point with exactly this label.
+fn exact_point(network: &Network, text: &str) -> Option<PointId> {
+    let point = network.point_of_label(text).ok()?;
+    network.points.contains_key(&point).then_some(point)
+}

@@ -1,0 +1,156 @@
+//! Which images stand in the image panels, and the same target in all of them at once.
+
+use nalgebra::Vector2;
+
+use super::App;
+use crate::network::{ImageId, Network, PointId};
+use crate::ui::action::Selection;
+use crate::ui::image_view::ImageView;
+use crate::ui::layout::{Pane, first_layout};
+
+/// Magnification at which a place is looked at, screen points per pixel: a dot of ten pixels becomes a coin.
+const CLOSE_LOOK: f64 = 6.0;
+
+/// Where a point stands in an image: its labelled dot, else its predicted place within the picture.
+pub(super) fn place_in_image(network: &Network, image: ImageId, point: PointId) -> Option<Vector2<f64>> {
+    let entry = network.images.get(&image)?;
+    let labelled = entry.labels.iter().find(|(_, label)| label.point == point).map(|(dot, _)| *dot);
+    if let (Some(dot), Some(detections)) = (labelled, &entry.detections) {
+        return detections.dots.get(dot.slot()).map(|dot| dot.centre_px);
+    }
+    let pose = &entry.station.as_ref()?.pose;
+    let camera = &network.cameras.get(&entry.camera)?.camera;
+    let position = network.points.get(&point)?.position;
+    let place = camera.project(&pose.camera_from_point(&position))?;
+    let inside = place.x >= 0.0
+        && place.y >= 0.0
+        && place.x <= f64::from(entry.file.width_px)
+        && place.y <= f64::from(entry.file.height_px);
+    inside.then_some(place)
+}
+
+/// The image and place that a selection names, where it names one.
+fn place_of(network: &Network, selection: &Selection) -> Option<(ImageId, Vector2<f64>)> {
+    if let Some((image, dot)) = selection.dot {
+        let detections = network.images.get(&image)?.detections.as_ref()?;
+        return Some((image, detections.dots.get(dot.slot())?.centre_px));
+    }
+    let image = selection.image?;
+    Some((image, place_in_image(network, image, selection.point?)?))
+}
+
+/// Whether a dot of the image carries this point's label.
+fn shows(network: &Network, image: ImageId, point: PointId) -> bool {
+    let labels = network.images.get(&image).map(|entry| &entry.labels);
+    labels.is_some_and(|labels| labels.values().any(|label| label.point == point))
+}
+
+impl App {
+    /// So many image panels, filled with images that are not shown yet.
+    pub(super) fn set_image_panels(&mut self, count: usize) {
+        self.panels.views.resize_with(count, || None);
+        self.tree = first_layout(count);
+        self.fill_image_panels();
+    }
+
+    /// Gives empty image panels an image.
+    pub(super) fn fill_image_panels(&mut self) {
+        let ids: Vec<ImageId> = self.network().used_images().map(|(id, _)| id).collect();
+        let views = &mut self.panels.views;
+        for place in 0..views.len() {
+            if views[place].is_none() {
+                let shown = |id: &ImageId| views.iter().flatten().any(|view| view.image == *id);
+                views[place] = ids.iter().find(|id| !shown(id)).map(|id| ImageView::new(*id));
+            }
+        }
+    }
+
+    /// Empties the image panels, for another document.
+    pub(super) fn clear_image_panels(&mut self) {
+        self.panels.views.iter_mut().for_each(|view| *view = None);
+    }
+
+    /// Shows an image in the first image panel unless one shows it already.
+    pub(super) fn show_image(&mut self, id: ImageId) {
+        let shown = self.panels.views.iter().flatten().any(|view| view.image == id);
+        if !shown {
+            self.set_view(0, id);
+        }
+    }
+
+    fn set_view(&mut self, place: usize, id: ImageId) {
+        match self.panels.views.get_mut(place) {
+            Some(Some(view)) => view.show(id),
+            Some(empty) => *empty = Some(ImageView::new(id)),
+            None => {}
+        }
+    }
+
+    /// The next or previous image in the first image panel.
+    pub(super) fn turn_page(&mut self, forward: bool) {
+        let ids: Vec<ImageId> = self.network().used_images().map(|(id, _)| id).collect();
+        let Some(last) = ids.len().checked_sub(1) else { return };
+        let now = self.panels.views.first().and_then(Option::as_ref).map(|view| view.image);
+        let place = now.and_then(|now| ids.iter().position(|id| *id == now));
+        let next = match (place, forward) {
+            (None, _) => 0,
+            (Some(place), true) if place == last => 0,
+            (Some(place), true) => place + 1,
+            (Some(0), false) => last,
+            (Some(place), false) => place - 1,
+        };
+        self.set_view(0, ids[next]);
+        self.selection.image = Some(ids[next]);
+    }
+
+    /// Brings a selection into view everywhere: the place itself in one image panel, the same target in the others.
+    ///
+    /// Panels that show the target stay where they are, so that nothing jumps.
+    pub(super) fn look_at(&mut self, selection: &Selection) {
+        let network = self.network();
+        let first = place_of(network, selection).map(|(image, _)| image).or(selection.image);
+        let others = selection.point.map_or_else(Vec::new, |point| {
+            let all = network.used_images().map(|(id, _)| id);
+            all.filter(|id| Some(*id) != first && shows(network, *id, point)).collect()
+        });
+        if let Some(first) = first {
+            self.show_image(first);
+        }
+        self.show_target_in_others(first, &others);
+        let places: Vec<Option<Vector2<f64>>> = (self.panels.views.iter())
+            .map(|view| self.place_for(view.as_ref()?.image, selection))
+            .collect();
+        for (view, place) in self.panels.views.iter_mut().zip(places) {
+            if let (Some(view), Some(place)) = (view, place) {
+                view.look_at(place, CLOSE_LOOK);
+            }
+        }
+        self.panels.network.look_at(selection);
+    }
+
+    /// Panels without the target get images that show it.
+    fn show_target_in_others(&mut self, first: Option<ImageId>, others: &[ImageId]) {
+        let shown: Vec<Option<ImageId>> =
+            self.panels.views.iter().map(|view| view.as_ref().map(|view| view.image)).collect();
+        let mut candidates = others.iter().filter(|id| !shown.contains(&Some(**id)));
+        for (place, image) in shown.iter().enumerate() {
+            let keeps = image.is_some_and(|image| Some(image) == first || others.contains(&image));
+            if !keeps && let Some(id) = candidates.next() {
+                self.set_view(place, *id);
+            }
+        }
+    }
+
+    fn place_for(&self, image: ImageId, selection: &Selection) -> Option<Vector2<f64>> {
+        let network = self.network();
+        match place_of(network, selection) {
+            Some((of, place)) if of == image => Some(place),
+            _ => place_in_image(network, image, selection.point?),
+        }
+    }
+
+    /// Brings a panel to the front.
+    pub(super) fn show_pane(&mut self, pane: Pane) {
+        self.tree.make_active(|_, tile| matches!(tile, egui_tiles::Tile::Pane(found) if *found == pane));
+    }
+}
