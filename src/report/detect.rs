@@ -168,7 +168,6 @@ mod tests {
                 place_px: Vector2::new(1.0, 2.0),
                 reason: "too small".into(),
             }],
-            by_hand: Vec::new(),
         };
         let json = serde_json::to_string(&[DetectReport::new("a b.png", &detections)]).unwrap();
         assert!(json.starts_with(

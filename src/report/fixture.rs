@@ -109,7 +109,6 @@ fn image(number: u32, dots: u32) -> ImageEntry {
             doubt: None,
         }],
         rejected: Vec::new(),
-        by_hand: Vec::new(),
     }));
     image
 }

@@ -182,7 +182,6 @@ fn image(id: u32, next: &mut impl FnMut() -> f64) -> ImageEntry {
             place_px: Vector2::new(next(), next()),
             reason: "too small".into(),
         }],
-        by_hand: Vec::new(),
     };
     let label = Label {
         point: PointId::of_code(Family::Ring(14), 57)[0],
