@@ -73,7 +73,7 @@ impl Behavior<Pane> for Draw<'_> {
             Pane::Image(_) => {}
             Pane::Network => panels.network.ui(ui, view, actions),
             Pane::Inspector => panels.inspector.ui(ui, view, actions),
-            Pane::Frame => {}
+            Pane::Frame => panels.frame.ui(ui, view, actions),
             Pane::Findings => panels.findings.ui(ui, view, actions),
             Pane::Review => panels.review.ui(ui, view, actions),
             Pane::Tables => panels.tables.ui(ui, view, actions),
