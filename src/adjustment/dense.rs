@@ -9,7 +9,11 @@ use super::simulation::{Simulated, bar, solve, toy};
 use super::*;
 
 /// Dense design matrix (whitened) at the adjusted state; columns as the layout's kept unknowns, then the other points.
-pub(super) fn dense_design(problem: &BundleProblem, layout: &Layout, state: &State) -> DMatrix<f64> {
+pub(super) fn dense_design(
+    problem: &BundleProblem,
+    layout: &Layout,
+    state: &State,
+) -> DMatrix<f64> {
     let equations = Equations::at(problem, layout, state);
     let mut rows: Vec<DVector<f64>> = Vec::new();
     let unknowns = layout.unknowns();
@@ -66,7 +70,12 @@ pub(super) fn point_start(layout: &Layout, point: usize) -> usize {
 }
 
 /// The constraint rows of the datum points, written down anew: shifts, turns and (with seven) the scale.
-pub(super) fn dense_constraints(layout: &Layout, state: &State, points: &[usize], d: usize) -> DMatrix<f64> {
+pub(super) fn dense_constraints(
+    layout: &Layout,
+    state: &State,
+    points: &[usize],
+    d: usize,
+) -> DMatrix<f64> {
     let n = points.len() as f64;
     let centre: Vector3<f64> = points
         .iter()

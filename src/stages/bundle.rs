@@ -8,16 +8,15 @@ use super::scale::{bars_in_reach, scale_source};
 use crate::adjustment::{
     Adjustment, AdjustmentError, BundleProblem, BundleSettings, CameraBlock, CoordinatePrior,
     Datum, DistanceObservation, ImageObservation, ObservationStatus, ParameterName, PointBlock,
-    ProblemPart,
-    RejectionSettings, RobustAdjustment, StationBlock, adjust_with_rejection,
+    ProblemPart, RejectionSettings, RobustAdjustment, StationBlock, adjust_with_rejection,
 };
 use crate::camera::INTERIOR_NAMES;
 use crate::geometry::ThreeTwoOne;
 use crate::monitor::Monitor;
 use crate::network::{
     AdjustedObservation, AdjustmentResult, Attempt, BarResult, BarRole, CameraId, CameraResult,
-    ControlRole, FrameResult, ImageEntry, ImageId, Network, Point, PointId, PointKind, ScaleSource, Source,
-    Stage, Standing, Station,
+    ControlRole, FrameResult, ImageEntry, ImageId, Network, Point, PointId, PointKind, ScaleSource,
+    Source, Stage, Standing, Station,
 };
 use crate::targets::DotIndex;
 
@@ -191,7 +190,11 @@ impl Bundle {
     }
 
     /// The same with its result in the frame by three points, where one is asked for.
-    pub(super) fn in_frame(mut self, network: &Network, frame: Option<&ThreeTwoOne<PointId>>) -> Self {
+    pub(super) fn in_frame(
+        mut self,
+        network: &Network,
+        frame: Option<&ThreeTwoOne<PointId>>,
+    ) -> Self {
         let Some(frame) = frame else { return self };
         self.frame = Some(*frame);
         // A point that is not among the bundle's gets an index of none, which the adjustment refuses as such.
@@ -393,7 +396,9 @@ impl Bundle {
 }
 
 fn not_in_frame(label: &str) -> String {
-    format!("{label} takes no part in the adjustment, expected a point with rays of two or more images")
+    format!(
+        "{label} takes no part in the adjustment, expected a point with rays of two or more images"
+    )
 }
 
 /// Adjusts with rejection. An image whose orientation its remaining points no longer determine is set aside, and the

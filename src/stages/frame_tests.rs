@@ -10,6 +10,7 @@ use crate::network::{
     ControlPoint, ControlRole, FindingKind, Frame, ImageId, ImageUse, Network, PointId, Stage,
 };
 use crate::project::edit::Edit;
+use crate::project::history::{History, HistorySettings};
 use crate::synthetic::Experiment;
 
 /// Distances and coordinates that are to be the same: a new adjustment of a converged network moves them by less, mm.
@@ -56,9 +57,8 @@ fn adjusted(stations: usize) -> (Network, Experiment) {
 }
 
 fn same_distances(a: &Network, b: &Network) {
-    let places = |n: &Network| -> Vec<Vector3<f64>> {
-        n.points.values().map(|p| p.position).collect()
-    };
+    let places =
+        |n: &Network| -> Vec<Vector3<f64>> { n.points.values().map(|p| p.position).collect() };
     let (a, b) = (places(a), places(b));
     assert_eq!(a.len(), b.len());
     for i in 1..a.len() {
@@ -122,7 +122,10 @@ fn setting_the_frame_opens_the_final_adjustment_alone() {
     assert!((sigma0(&free) - sigma0(&moved)).abs() < 1e-9);
     assert_eq!(texts(&moved.findings), [""; 0]);
     let csv = crate::report::export_points(&moved).unwrap();
-    let row = format!("{},code,0.000000,0.000000,0.000000,0.00000000,0.00000000,0.00000000", labels[0]);
+    let row = format!(
+        "{},code,0.000000,0.000000,0.000000,0.00000000,0.00000000,0.00000000",
+        labels[0]
+    );
     assert!(csv.contains(&row), "{csv}");
     assert!(Stage::ALL.iter().all(|s| s.next(&moved).is_none()));
 }
@@ -136,8 +139,14 @@ fn there_and_back_gives_the_same_digits() {
     let back = framed(&framed(&own, frame), Frame::Free);
     same_places(&own, &back);
     assert_eq!(back.moved_by, None);
-    let taken_back = edited(&edited(&own, &Edit::Frame(frame)), &Edit::Frame(Frame::Free));
-    assert!(taken_back.adjustment_is_fresh(), "nothing was adjusted in between");
+    let taken_back = edited(
+        &edited(&own, &Edit::Frame(frame)),
+        &Edit::Frame(Frame::Free),
+    );
+    assert!(
+        taken_back.adjustment_is_fresh(),
+        "nothing was adjusted in between"
+    );
     assert!(Stage::Adjust.next(&taken_back).is_none());
 }
 
@@ -155,7 +164,10 @@ fn points_that_give_no_frame_leave_it_and_are_told() {
         plane: frame.origin,
         ..frame
     };
-    for (asked, expected) in [(missing, "found no coordinates of M77"), (on_a_line, "twice")] {
+    for (asked, expected) in [
+        (missing, "found no coordinates of M77"),
+        (on_a_line, "twice"),
+    ] {
         let kept = framed(&free, Frame::ThreeTwoOne(asked));
         assert!(kept.adjustment_is_fresh());
         same_distances(&free, &kept);
@@ -198,11 +210,21 @@ fn the_stages_go_on_in_the_moved_frame() {
         image: ImageId(5),
         usage,
     };
-    let without = run(edited(&moved, &use_image(ImageUse::Excluded)), Stage::Adjust);
+    let without = run(
+        edited(&moved, &use_image(ImageUse::Excluded)),
+        Stage::Adjust,
+    );
     assert_eq!(without.oriented_images().count(), 8);
     stands_in(&without, &frame);
     // What is not adjusted moved along.
-    let centre = |n: &Network| n.images[&ImageId(5)].station.as_ref().unwrap().pose.centre_in_world;
+    let centre = |n: &Network| {
+        n.images[&ImageId(5)]
+            .station
+            .as_ref()
+            .unwrap()
+            .pose
+            .centre_in_world
+    };
     assert!((centre(&without) - centre(&moved)).norm() < 1.0);
     let mut lost = without.clone();
     lost.image_mut(ImageId(5)).station = None;
@@ -265,10 +287,22 @@ fn known_coordinates_hold_the_shape_and_not_the_frame() {
 
 #[test]
 fn an_adjustment_that_the_history_dropped_is_made_again() {
-    let (free, _) = adjusted(8);
-    let mut older = free.clone();
-    older.adjustment = None;
+    let (first, _) = adjusted(8);
+    let free = framed(&first, Frame::Free);
+    let frame = three(&free);
+    let open = edited(&free, &Edit::Frame(Frame::ThreeTwoOne(frame)));
+    let moved = run(open.clone(), Stage::Adjust);
+    let mut history = History::new(Arc::new(free.clone()), HistorySettings::default());
+    history.push("set the frame", Arc::new(open));
+    history.push("adjust", Arc::new(moved));
+    history.undo();
+    let older = history.undo().unwrap().network;
+    assert_eq!(older.frame, Frame::Free);
+    assert!(older.adjustment.is_none(), "only the newest is kept");
     assert!(Stage::Adjust.next(&older).is_some());
-    let again = run(older, Stage::Adjust);
+    let again = run(older.as_ref().clone(), Stage::Adjust);
     assert!(again.adjustment_is_fresh());
+    same_places(&free, &again);
+    history.redo();
+    stands_in(&history.redo().unwrap().network, &frame);
 }

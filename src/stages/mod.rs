@@ -14,13 +14,13 @@ mod detect;
 mod device;
 mod distance_search;
 mod first_pair;
+#[cfg(test)]
+mod frame_tests;
 mod identify;
 mod lens;
 mod resection;
 mod scale;
 mod set_aside;
-#[cfg(test)]
-mod frame_tests;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]

@@ -160,7 +160,10 @@ impl Frame {
                 });
         });
         if let Some(reason) = &adjustment.frame.refused {
-            problem(ui, &format!("The frame that was set could not be had: {reason}"));
+            problem(
+                ui,
+                &format!("The frame that was set could not be had: {reason}"),
+            );
         }
     }
 
@@ -327,7 +330,9 @@ mod tests {
         let mut bench = bench(select_point(point("M1")));
         bench.harness.get_by_label("3-2-1").click();
         bench.harness.run();
-        bench.harness.get_by_label("Origin: type a label, or take the selected point");
+        bench
+            .harness
+            .get_by_label("Origin: type a label, or take the selected point");
         bench.harness.get_by_label("Origin from selection").click();
         bench.harness.run();
         type_into(&mut bench, "Axis", "C1");
@@ -367,7 +372,9 @@ mod tests {
         assert_eq!(bench.actions(), []);
         bench.harness.get_by_label("Control").click();
         bench.harness.run();
-        bench.harness.get_by_label_contains("a best fit needs 3 common points");
+        bench
+            .harness
+            .get_by_label_contains("a best fit needs 3 common points");
         bench.harness.get_by_label("Free").click();
         bench.harness.run();
         bench.harness.get_by_label("Set frame").click();
@@ -377,7 +384,9 @@ mod tests {
     #[test]
     fn the_frame_of_the_result_and_its_effect_are_shown() {
         let mut bench = bench(Selection::default());
-        bench.harness.get_by_label("inner constraints on the plain targets");
+        bench
+            .harness
+            .get_by_label("inner constraints on the plain targets");
         bench.harness.get_by_label("rms sigma of 4 points");
         bench.harness.get_by_label("z 0.030 mm");
         bench.change(|network| {
