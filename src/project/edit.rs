@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use crate::network::{ImageId, ImageUse, Label, MeasurementSettings, Network, PointId, Source};
+use crate::network::{Frame, ImageId, ImageUse, Label, MeasurementSettings, Network, PointId, Source, Stage};
 use crate::targets::{Dot, DotIndex};
 
 /// Reason of an operator's rejection, as shown and exported.
@@ -82,6 +82,8 @@ pub enum Edit {
     },
     /// Other settings.
     Settings(Box<MeasurementSettings>),
+    /// Another coordinate system of the result; only the final adjustment has something to do again.
+    Frame(Frame),
 }
 
 /// Why an edit cannot be made.
@@ -134,10 +136,12 @@ impl Edit {
             Edit::UseImage { image, usage: ImageUse::Used } => format!("use {}", path(image)),
             Edit::UseImage { image, usage: ImageUse::Excluded } => format!("exclude {}", path(image)),
             Edit::Settings(_) => "change settings".into(),
+            Edit::Frame(frame) => format!("set the frame {}", frame.in_words(network)),
         }
     }
 
-    /// Makes the change; inputs count up, so every stage that worked on the old ones has something to do again.
+    /// Makes the change; inputs count up, so every stage that worked on the old ones has something to do again. A frame
+    /// is no input: points and labels stay what they are, and the final adjustment alone is made again.
     ///
     /// # Errors
     /// [`EditError`]; the network is unchanged then.
@@ -168,6 +172,11 @@ impl Edit {
                 network.image_mut(*image).usage = *usage;
             }
             Edit::Settings(settings) => network.settings = Arc::new(settings.as_ref().clone()),
+            Edit::Frame(frame) => {
+                network.frame = *frame;
+                network.conclusions.remove(&Stage::Adjust);
+                return Ok(());
+            }
         }
         network.inputs += 1;
         Ok(())

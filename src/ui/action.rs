@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use super::app::Command;
 use crate::network::{ImageId, PointId, Stage};
 use crate::project::edit::Edit;
+use crate::project::making::ProjectPlan;
 use crate::targets::DotIndex;
 
 /// What the operator has selected; shared by images, 3D view and tables.
@@ -41,6 +42,8 @@ pub enum Action {
     Open(PathBuf),
     /// Files or folders were dropped on the window.
     Dropped(Vec<PathBuf>),
+    /// Make a project.
+    Make(Box<ProjectPlan>),
     /// Something that was under way ended with this line for the operator.
     Say(String),
     /// A dialog of the system answered the open form.

@@ -7,6 +7,7 @@ use eframe::egui;
 
 use super::app::App;
 use crate::commands::DemoRequest;
+use crate::project::recent::state_folder;
 
 /// What the window begins with.
 #[derive(Clone, Debug, Default)]
@@ -78,7 +79,8 @@ pub fn open(beginning: Beginning) -> Result<(), WindowError> {
                 if let Some(hook) = hook.lock().ok().and_then(|mut hook| hook.take()) {
                     std::panic::set_hook(hook);
                 }
-                Ok(Box::new(App::new(creation, beginning)?))
+                let app = App::new(creation, beginning)?;
+                Ok(Box::new(app.remembering(state_folder())))
             }),
         )
     }));

@@ -1,6 +1,6 @@
 //! Actions: every way to change anything ends here.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use egui::{Context, Theme};
@@ -26,8 +26,9 @@ impl App {
         match action {
             Action::Do(command) => self.command(command, context),
             Action::Open(path) => self.open(&path),
-            Action::Dropped(paths) => self.forms.dropped(&mut self.loader, paths),
-            Action::Chosen(path) => self.forms.chosen(path),
+            Action::Dropped(paths) => self.loader.propose(paths),
+            Action::Make(plan) => self.loader.make(*plan),
+            Action::Chosen(path) => self.forms.chosen(&path),
             Action::SaveCopy(path) => self.save_copy(&path, context),
             Action::Say(line) => self.say(line),
             Action::FindPictures(folder) => self.find_pictures(folder),
@@ -179,7 +180,7 @@ impl App {
             self.say(format!("{} is open.", path.display()));
             return;
         }
-        self.loader.open(path, Then::Wait);
+        self.loader.open(path);
     }
 
     /// Renders the demo and measures it.
@@ -193,10 +194,13 @@ impl App {
     fn close(&mut self) {
         self.runner.forget();
         self.clear_image_panels();
+        self.missing.clear();
+        self.moves = None;
         self.selection = Selection::default();
         self.group = Arc::default();
         if let Some(document) = self.document.take() {
             self.loader.close(document.session);
+            self.loader.recall();
         }
     }
 
@@ -217,6 +221,33 @@ impl App {
         });
     }
 
+    fn find_pictures(&mut self, folder: PathBuf) {
+        if let Some(document) = &self.document {
+            let network = Arc::clone(document.session.network());
+            self.loader
+                .find_pictures(network, &document.project, folder);
+        }
+    }
+
+    /// Takes over where pictures were found; between two steps, as every edit.
+    pub(super) fn move_pictures(&mut self) {
+        if self.runner.is_running() {
+            return;
+        }
+        let (Some(document), Some(moves)) = (&mut self.document, self.moves.take()) else {
+            return;
+        };
+        let line = match document.session.move_pictures(&moves) {
+            Ok(counts) => {
+                self.missing.retain(|id| !moves.found.contains_key(id));
+                self.pictures.set_folder(&folder_of(&document.project));
+                format!("{counts}.")
+            }
+            Err(error) => error.to_string(),
+        };
+        self.say(line);
+    }
+
     /// Takes over what the loader finished.
     pub(super) fn take_loaded(&mut self, context: &Context) {
         while let Some(answer) = self.loader.poll() {
@@ -224,32 +255,47 @@ impl App {
                 Err(line) => self.say(line),
                 Ok(Loaded::Line(line)) if line.is_empty() => {}
                 Ok(Loaded::Line(line)) => self.say(line),
+                Ok(Loaded::Recent(projects)) => self.start.recent = projects,
+                Ok(Loaded::Moves(moves)) => self.moves = Some(moves),
+                Ok(Loaded::Proposal(proposal)) => {
+                    if let Some(action) = self.forms.take(proposal) {
+                        self.apply(action, context);
+                    }
+                }
                 Ok(Loaded::Project {
-                    mut session,
+                    session,
                     path,
+                    missing,
                     then,
                 }) => {
-                    self.close();
-                    let waking = context.clone();
-                    session.on_saved(move || waking.request_repaint());
-                    let mut lines = session.warnings().to_vec();
-                    lines.push(format!("{} is open.", path.display()));
-                    self.pictures.set_folder(&folder_of(&path));
-                    self.document = Some(Document {
-                        session: *session,
-                        project: path,
-                    });
-                    self.fill_image_panels();
-                    self.panels.network.fit();
-                    for line in lines {
-                        self.say(line);
-                    }
+                    self.adopt(*session, path, context);
+                    self.missing = missing;
                     if then == Then::Measure {
                         self.run_all(context);
                     }
                 }
             }
             context.request_repaint();
+        }
+    }
+
+    /// Makes a session the document of the window.
+    fn adopt(&mut self, mut session: Session, path: PathBuf, context: &Context) {
+        self.close();
+        self.forms.close();
+        let waking = context.clone();
+        session.on_saved(move || waking.request_repaint());
+        let mut lines = session.warnings().to_vec();
+        lines.push(format!("{} is open.", path.display()));
+        self.pictures.set_folder(&folder_of(&path));
+        self.document = Some(Document {
+            session,
+            project: path,
+        });
+        self.fill_image_panels();
+        self.panels.network.fit();
+        for line in lines {
+            self.say(line);
         }
     }
 }

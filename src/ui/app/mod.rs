@@ -28,6 +28,7 @@ use super::image_view::ImageView;
 use super::layout::{Pane, first_layout};
 use super::network_view::NetworkView;
 use super::panels::findings::Findings;
+use super::panels::frame::Frame;
 use super::panels::images::Images;
 use super::panels::inspector::Inspector;
 use super::panels::journal::Journal;
@@ -38,8 +39,9 @@ use super::panels::tables::Tables;
 use super::pictures::{PictureSettings, PictureStore};
 use super::runner::Runner;
 use super::window::Beginning;
-use crate::network::{Network, PointId, Stage};
+use crate::network::{ImageId, Network, PointId, Stage};
 use crate::project::session::Session;
+use crate::project::whereabouts::PictureMoves;
 use loader::Loader;
 use palette::Palette;
 use start::Start;
@@ -75,6 +77,10 @@ pub struct App {
     messages: VecDeque<String>,
     panels: Panels,
     tree: Tree<Pane>,
+    /// Images whose picture was not at its place.
+    missing: Vec<ImageId>,
+    /// Where missing pictures were found, until it can be taken over.
+    moves: Option<PictureMoves>,
     palette: Palette,
     start: Start,
     forms: forms::Forms,
@@ -90,6 +96,7 @@ struct Panels {
     views: Vec<Option<ImageView>>,
     network: NetworkView,
     inspector: Inspector,
+    frame: Frame,
     findings: Findings,
     review: Review,
     tables: Tables,
@@ -137,6 +144,7 @@ impl App {
                 views: Vec::new(),
                 network: NetworkView::new(),
                 inspector: Inspector::default(),
+                frame: Frame::default(),
                 findings: Findings::default(),
                 review: Review::default(),
                 tables: Tables::default(),
@@ -144,6 +152,8 @@ impl App {
                 journal: Journal,
             },
             tree: first_layout(FIRST_IMAGE_PANELS),
+            missing: Vec::new(),
+            moves: None,
             palette: Palette::default(),
             start: Start::default(),
             forms: forms::Forms::default(),
@@ -157,6 +167,20 @@ impl App {
             Beginning::Demo(request) => app.begin_demo(request),
         }
         Ok(app)
+    }
+
+    /// The same application, remembering in this folder which projects were open.
+    #[must_use]
+    pub fn remembering(mut self, state_folder: Option<PathBuf>) -> Self {
+        self.loader.state_folder = state_folder;
+        self.loader.recall();
+        self
+    }
+
+    /// Images whose picture is not at its place.
+    #[must_use]
+    pub fn missing_pictures(&self) -> &[ImageId] {
+        &self.missing
     }
 
     /// The document, where one is open.
@@ -230,6 +254,7 @@ impl App {
     fn take_over(&mut self, context: &Context) {
         self.pictures.poll();
         self.take_loaded(context);
+        self.move_pictures();
         if let Some(document) = &mut self.document {
             for line in self.runner.poll(&mut document.session) {
                 self.say(line);
@@ -262,6 +287,7 @@ impl eframe::App for App {
         actions.extend(self.keys_with_alt(&context));
         egui::Panel::top("menu").show(ui, |ui| self.menu(ui, &mut actions));
         egui::Panel::bottom("status").show(ui, |ui| self.status(ui, &mut actions));
+        self.missing_banner(ui, &mut actions);
         egui::CentralPanel::default().show(ui, |ui| match &self.document {
             Some(_) => self.panes(ui, &mut actions),
             None => self.start_page(ui, &mut actions),

@@ -221,6 +221,7 @@ fn adjustment(next: &mut impl FnMut() -> f64) -> AdjustmentResult {
         sigma_station_mm: next(),
         redundancy: -1,
         datum: "free".into(),
+        frame: FrameResult::default(),
         scale_from: ScaleSource::Arbitrary,
         cameras: vec![CameraResult {
             camera: CameraId(0),

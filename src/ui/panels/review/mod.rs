@@ -240,6 +240,7 @@ fn effect(edit: Option<&Edit>, without: &'static str) -> &'static str {
         Some(Edit::AddDot { .. }) => "measure a dot",
         Some(Edit::UseImage { .. }) => "use the image or not",
         Some(Edit::Settings(_)) => "change settings",
+        Some(Edit::Frame(_)) => "set the frame",
     }
 }
 
