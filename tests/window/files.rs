@@ -26,7 +26,12 @@ fn moved_pictures_are_a_state_and_are_found_again() {
     bench.write(&folder.at("elsewhere").display().to_string());
     bench.key(Key::Enter);
     bench.rest();
-    assert_eq!(bench.app().missing_pictures(), [], "{}", bench.app().message());
+    assert_eq!(
+        bench.app().missing_pictures(),
+        [],
+        "{}",
+        bench.app().message()
+    );
     assert!(!bench.says("not at their place"));
     let image = first_image(&bench);
     bench.until("the picture", |app| {

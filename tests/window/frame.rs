@@ -45,8 +45,14 @@ fn three_points_set_the_frame_of_the_result() {
     // The frame moves the points, not their distances; the covariances go with it.
     let distance = |network: &Network| (position(network, axis) - position(network, plane)).norm();
     assert!((distance(&after) - distance(&before)).abs() < 1e-4);
-    let variance = after.points[&origin].covariance.expect("covariances").trace();
-    assert!(variance.abs() < SAME_MM, "the origin has no sigma of its own");
+    let variance = after.points[&origin]
+        .covariance
+        .expect("covariances")
+        .trace();
+    assert!(
+        variance.abs() < SAME_MM,
+        "the origin has no sigma of its own"
+    );
 
     let undone = |bench: &mut Bench| {
         for _ in 0..bench.history().len() {
