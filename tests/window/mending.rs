@@ -241,7 +241,7 @@ fn an_image_is_excluded_and_settings_are_changed() {
     bench.window.get_by_label("Settings").click_accesskit();
     bench.settle();
     let field = bench.window.get_by_label("Fewest rays of a target");
-    field.increment_accesskit();
+    field.set_value_accesskit(f64::from(before.settings.min_rays + 1));
     bench.settle();
     bench
         .window
