@@ -31,13 +31,16 @@ fn three_points_set_the_frame_of_the_result() {
         bench.click(field);
         bench.write(&before.label(seen.point));
     }
+    bench.window.get_by_label("Set frame").scroll_to_me();
+    bench.settle();
     bench.click("Set frame");
     bench.rest();
 
     let after = bench.network();
     assert!(after.adjustment_is_fresh(), "{}", bench.app().message());
     let [origin, axis, plane] = [origin, axis, plane].map(|seen| seen.point);
-    assert!(position(&after, origin).norm() < SAME_MM);
+    let shift = position(&after, origin);
+    assert!(shift.norm() < SAME_MM, "{shift} {:?}", after.frame);
     let along = position(&after, axis);
     assert!(along.x > 0.0 && along.yz().norm() < SAME_MM, "{along}");
     let beside = position(&after, plane);

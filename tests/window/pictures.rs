@@ -40,7 +40,8 @@ fn an_image_panel_with_its_overlays() {
     let panel = bench.window.get_all_by_label("image view");
     let panel = panel.map(|node| node.rect()).find(|rect| rect.contains(at));
     let panel = panel.expect("the panel that was clicked");
-    compare(&mut bench, panel, "image_panel");
+    let round = Rect::from_center_size(at, egui::vec2(260.0, 300.0));
+    compare(&mut bench, panel.intersect(round), "image_panel");
 }
 
 #[test]
@@ -59,9 +60,10 @@ fn the_stage_panel() {
     bench.rest();
     let first = bench.window.get_by_label("Detect targets").rect();
     let last = bench.window.get_by_label("Settings").rect();
+    let state = bench.window.get_by_label("10/10 done").rect();
     let panel = Rect::from_min_max(
-        egui::pos2(0.0, first.top() - 8.0),
-        egui::pos2(270.0, last.bottom() + 8.0),
+        egui::pos2(0.0, first.top() - 6.0),
+        egui::pos2(state.right() + 4.0, last.bottom() + 6.0),
     );
     compare(&mut bench, panel, "stage_panel");
 }
