@@ -156,7 +156,6 @@ mod tests {
             doubt: None,
         };
         let detections = Detections {
-            by_hand: Vec::new(),
             width_px: 20,
             height_px: 10,
             dots: (0..8).map(|i| dot(f64::from(i))).collect(),

@@ -7,7 +7,10 @@ use super::bundle::{Bundle, BundleFailure, DatumPoints, adjust_what_holds, resto
 use super::code_shape::CodeShapes;
 use super::lens::{IMAGES_FOR_ALL, LensFreedom, images_of_cameras};
 use super::scale::{align_to_control, apply_frame, bars_in_reach};
-use super::set_aside::{OF_OTHER_SHAPE, codes_set_aside, set_code_aside};
+use super::set_aside::{
+    OF_OTHER_SHAPE, codes_set_aside, intersect_operators_points, operators_labels_not_used,
+    set_code_aside,
+};
 use super::{Halt, StageError};
 use crate::adjustment::{AdjustmentError, BundleSettings};
 use crate::monitor::Monitor;
@@ -41,6 +44,7 @@ pub(super) fn run(network: &mut Network, stage: Stage, monitor: &Monitor) -> Res
 /// Adjusts all labelled dots, rejects gross errors, and records the result as that of `stage`.
 pub(super) fn adjust(network: &mut Network, stage: Stage, monitor: &Monitor) -> Result<(), Halt> {
     restore_rejected(network);
+    intersect_operators_points(network);
     apply_frame(network);
     let datum = match stage {
         Stage::AdjustCodes => DatumPoints::Codes,
@@ -102,7 +106,11 @@ fn set_contradicted_codes_aside(network: &mut Network) {
                 set_code_aside(image, Family::Dot420, code, OF_OTHER_SHAPE);
             }
         }
-        Arc::make_mut(&mut network.points).retain(|point, _| !of_code(*point));
+        // Where the operator says that it is this code, its names stay and the adjustment tests them.
+        let stays = |id| network.images[id].labels.values().any(|l| of_code(l.point));
+        if !ids.iter().any(stays) {
+            Arc::make_mut(&mut network.points).retain(|point, _| !of_code(*point));
+        }
     }
 }
 
@@ -180,6 +188,7 @@ pub(super) fn findings(network: &Network, stage: Stage) -> Vec<Finding> {
         });
     }
     findings.extend(codes_set_aside(network, stage, OF_OTHER_SHAPE));
+    findings.extend(operators_labels_not_used(network, stage));
     findings.extend(doubtful_images(network, stage));
     findings
 }

@@ -232,12 +232,16 @@ fn effect(edit: Option<&Edit>, without: &'static str) -> &'static str {
     match edit {
         None => without,
         Some(Edit::Label { .. }) => "name the dot",
+        Some(Edit::Accept { .. }) => "its name is right",
+        Some(Edit::AcceptCode { .. }) => "the code is as read",
         Some(Edit::Unlabel { .. }) => "take its name away",
         Some(Edit::Reject { .. }) => "do not use it",
         Some(Edit::Restore { .. }) => "use it",
-        Some(Edit::Renumber { .. }) => "the code is as read",
+        Some(Edit::Renumber { .. }) => "give the code a number",
         Some(Edit::SetAside { .. }) => "set the code aside",
         Some(Edit::AddDot { .. }) => "measure a dot",
+        Some(Edit::AddBar { .. } | Edit::RemoveBar { .. }) => "change scale bars",
+        Some(Edit::SetControl { .. } | Edit::RemoveControl { .. }) => "change control points",
         Some(Edit::UseImage { .. }) => "use the image or not",
         Some(Edit::Settings(_)) => "change settings",
     }
