@@ -20,9 +20,15 @@ fn go_on(mut network: Network, pictures: &dyn Pictures) -> (Network, BTreeMap<St
     let mut steps = BTreeMap::new();
     for stage in Stage::ALL {
         while let Some(step) = stage.next(&network) {
-            assert!(!matches!(step, Step::Detect(_)), "an edit must not cost a detection");
+            assert!(
+                !matches!(step, Step::Detect(_)),
+                "an edit must not cost a detection"
+            );
             *steps.entry(stage).or_default() += 1;
-            network = step.run(&network, pictures, &Monitor::new()).expect("a step").network;
+            network = step
+                .run(&network, pictures, &Monitor::new())
+                .expect("a step")
+                .network;
         }
         network = stage.conclude(&network, None);
     }
@@ -45,11 +51,17 @@ fn oriented(network: &Network) -> Vec<ImageId> {
 fn code_dots(network: &Network, image: ImageId) -> Vec<(DotIndex, PointId)> {
     let entry = &network.images[&image];
     let labels = entry.used_labels().map(|(dot, label)| (dot, label.point));
-    labels.filter(|(_, point)| point.code().is_some() && network.points.contains_key(point)).collect()
+    labels
+        .filter(|(_, point)| point.code().is_some() && network.points.contains_key(point))
+        .collect()
 }
 
 /// Three dots that span the picture.
-fn spread(network: &Network, image: ImageId, dots: &[(DotIndex, PointId)]) -> [(DotIndex, PointId); 3] {
+fn spread(
+    network: &Network,
+    image: ImageId,
+    dots: &[(DotIndex, PointId)],
+) -> [(DotIndex, PointId); 3] {
     let detections = network.images[&image].detections.as_ref().unwrap();
     let place = |dot: &(DotIndex, PointId)| detections.dots[dot.0.slot()].centre_px;
     let mut best = (0.0, [dots[0]; 3]);
@@ -77,9 +89,15 @@ fn centre_in_sigmas(first: &Network, second: &Network, image: ImageId) -> f64 {
     let fit = fit_similarity(&pairs, Scale::Free).expect("common points");
     let station = |network: &Network| network.images[&image].station.clone().expect("a station");
     let (a, b) = (station(first), station(second));
-    let covariance = a.covariance.expect("an adjusted station").fixed_view::<3, 3>(3, 3).into_owned();
+    let covariance = a
+        .covariance
+        .expect("an adjusted station")
+        .fixed_view::<3, 3>(3, 3)
+        .into_owned();
     let apart = fit.apply(&b.pose.centre_in_world) - a.pose.centre_in_world;
-    apart.dot(&(covariance.try_inverse().expect("a precision") * apart)).sqrt()
+    apart
+        .dot(&(covariance.try_inverse().expect("a precision") * apart))
+        .sqrt()
 }
 
 #[test]
@@ -88,17 +106,34 @@ fn three_labels_by_hand_connect_an_image_without_codes() {
     let detected = run_stage(scene.network, Stage::Detect, &scene.pictures);
     let (whole, _) = go_on(detected.clone(), &scene.pictures);
     let image = ImageId(7);
-    let codes = detected.images[&image].detections.as_ref().unwrap().codes.len();
-    let aside: Vec<Edit> = (0..codes).map(|reading| Edit::SetAside { image, reading }).collect();
+    let codes = detected.images[&image]
+        .detections
+        .as_ref()
+        .unwrap()
+        .codes
+        .len();
+    let aside: Vec<Edit> = (0..codes)
+        .map(|reading| Edit::SetAside { image, reading })
+        .collect();
     let (lost, _) = go_on(edited(&detected, &aside), &scene.pictures);
     assert!(lost.images[&image].station.is_none());
-    let known: Vec<_> = code_dots(&whole, image).into_iter().filter(|(_, p)| lost.points.contains_key(p)).collect();
+    let known: Vec<_> = code_dots(&whole, image)
+        .into_iter()
+        .filter(|(_, p)| lost.points.contains_key(p))
+        .collect();
     let three = spread(&whole, image, &known);
     let labels = three.map(|(dot, point)| Edit::Label { image, dot, point });
     let (mended, steps) = go_on(edited(&lost, &labels), &scene.pictures);
-    let reason = mended.images[&image].attempt.as_ref().map(|a| a.reason.clone());
+    let reason = mended.images[&image]
+        .attempt
+        .as_ref()
+        .map(|a| a.reason.clone());
     assert_eq!(oriented(&mended).len(), 18, "{reason:?}");
-    println!("three labels: steps {steps:?}, named {} of {}", mended.images[&image].labels.len(), whole.images[&image].labels.len());
+    println!(
+        "three labels: steps {steps:?}, named {} of {}",
+        mended.images[&image].labels.len(),
+        whole.images[&image].labels.len()
+    );
     // Three standard errors in space: chi-square with three degrees of freedom exceeds 14.2 once in 370.
     let apart = centre_in_sigmas(&whole, &mended, image);
     println!("centre is {apart:.2} sigmas from that with codes");
@@ -110,21 +145,38 @@ fn three_labels_by_hand_connect_an_image_without_codes() {
     }
     let wrong = [three[0], three[1]].map(|(dot, point)| Edit::Label { image, dot, point });
     let (two, _) = go_on(edited(&lost, &wrong), &scene.pictures);
-    assert!(two.images[&image].station.is_none(), "two labels are not enough");
+    assert!(
+        two.images[&image].station.is_none(),
+        "two labels are not enough"
+    );
     // One label on a wrong dot: no pose is confirmed by the others.
-    let elsewhere = known.iter().find(|(_, p)| three.iter().all(|(_, q)| p.code() != q.code())).unwrap();
+    let elsewhere = known
+        .iter()
+        .find(|(_, p)| three.iter().all(|(_, q)| p.code() != q.code()))
+        .unwrap();
     let mut wrong = labels.to_vec();
-    wrong[2] = Edit::Label { image, dot: elsewhere.0, point: three[2].1 };
+    wrong[2] = Edit::Label {
+        image,
+        dot: elsewhere.0,
+        point: three[2].1,
+    };
     let (refused, _) = go_on(edited(&lost, &wrong), &scene.pictures);
-    let attempt = refused.images[&image].attempt.as_ref().map(|a| a.reason.clone());
+    let attempt = refused.images[&image]
+        .attempt
+        .as_ref()
+        .map(|a| a.reason.clone());
     println!("one wrong label: {attempt:?}");
     assert!(refused.images[&image].station.is_none());
     assert!(attempt.unwrap().contains("label one more"));
     // Any three of the known dots: nearly all triples do.
     let mut connected = 0;
-    let triples: Vec<[usize; 3]> = (0..20).map(|k| [k * 7, k * 7 + known.len() / 3, k * 7 + 2 * known.len() / 3]).collect();
+    let triples: Vec<[usize; 3]> = (0..20)
+        .map(|k| [k * 7, k * 7 + known.len() / 3, k * 7 + 2 * known.len() / 3])
+        .collect();
     for triple in &triples {
-        let labels = triple.map(|k| known[k % known.len()]).map(|(dot, point)| Edit::Label { image, dot, point });
+        let labels = triple
+            .map(|k| known[k % known.len()])
+            .map(|(dot, point)| Edit::Label { image, dot, point });
         let connecting = run_stage(edited(&lost, &labels), Stage::Connect, &scene.pictures);
         connected += usize::from(connecting.images[&image].station.is_some());
         if connecting.images[&image].station.is_none() {
@@ -141,23 +193,43 @@ fn going_on_after_one_edit_costs_only_what_is_needed() {
     let done = measure(scene.network, &scene.pictures);
     let image = ImageId(5);
     let entry = &done.images[&image];
-    let named = entry.labels.iter().find(|(_, l)| matches!(l.point, PointId::Target(_)) && l.rejected.is_none());
+    let named = entry
+        .labels
+        .iter()
+        .find(|(_, l)| matches!(l.point, PointId::Target(_)) && l.rejected.is_none());
     let (dot, point) = named.map(|(dot, label)| (*dot, label.point)).unwrap();
     let mut unlabelled = done.clone();
     Arc::make_mut(&mut unlabelled.image_mut(image).labels).remove(&dot);
     let readings = &entry.detections.as_ref().unwrap().codes;
-    let reading = (0..readings.len()).find(|place| !entry.set_aside.contains_key(place)).unwrap();
+    let reading = (0..readings.len())
+        .find(|place| !entry.set_aside.contains_key(place))
+        .unwrap();
     let id = readings[reading].id;
     for (what, network, edit) in [
-        ("label a dot", &unlabelled, Edit::Label { image, dot, point }),
-        ("renumber a code wrongly", &done, Edit::Renumber { image, reading, id: id % 420 + 1 }),
+        (
+            "label a dot",
+            &unlabelled,
+            Edit::Label { image, dot, point },
+        ),
+        (
+            "renumber a code wrongly",
+            &done,
+            Edit::Renumber {
+                image,
+                reading,
+                id: id % 420 + 1,
+            },
+        ),
         ("accept a code", &done, Edit::AcceptCode { image, reading }),
         ("reject a dot", &done, Edit::Reject { image, dot }),
     ] {
         let (after, steps) = go_on(edited(network, &[edit]), &scene.pictures);
         println!("{what}: {steps:?}");
         assert_eq!(oriented(&after), oriented(&done), "{what}");
-        assert!(!steps.contains_key(&Stage::FirstPair) && !steps.contains_key(&Stage::Connect), "{what}");
+        assert!(
+            !steps.contains_key(&Stage::FirstPair) && !steps.contains_key(&Stage::Connect),
+            "{what}"
+        );
         assert!(steps.values().sum::<usize>() <= 5, "{what}: {steps:?}");
         assert!(after.adjustment_is_fresh(), "{what}");
     }
@@ -176,40 +248,109 @@ fn no_stage_takes_back_what_the_operator_decided() {
     let [wrong, other, rejected, false_dot] = [0, 1, 2, 3].map(|k: usize| targets[k]);
     // A wrong name, a rejected name, and a dot that is no target.
     let edits = [
-        Edit::Label { image, dot: wrong.0, point: other.1 },
-        Edit::Reject { image, dot: rejected.0 },
-        Edit::Unlabel { image, dot: false_dot.0 },
-        Edit::Reject { image, dot: false_dot.0 },
+        Edit::Label {
+            image,
+            dot: wrong.0,
+            point: other.1,
+        },
+        Edit::Reject {
+            image,
+            dot: rejected.0,
+        },
+        Edit::Unlabel {
+            image,
+            dot: false_dot.0,
+        },
+        Edit::Reject {
+            image,
+            dot: false_dot.0,
+        },
     ];
     let (after, _) = go_on(edited(&done, &edits), &scene.pictures);
     let entry = &after.images[&image];
     let label = &entry.labels[&wrong.0];
-    assert_eq!((label.point, label.source), (other.1, Source::Operator), "a name stays");
-    assert!(label.rejected.as_ref().is_some_and(|reason| reason.contains("|w|")), "the test speaks: {label:?}");
-    let told = after.findings.iter().any(|f| f.text.contains("named by hand, is not used"));
+    assert_eq!(
+        (label.point, label.source),
+        (other.1, Source::Operator),
+        "a name stays"
+    );
+    assert!(
+        label
+            .rejected
+            .as_ref()
+            .is_some_and(|reason| reason.contains("|w|")),
+        "the test speaks: {label:?}"
+    );
+    let told = after
+        .findings
+        .iter()
+        .any(|f| f.text.contains("named by hand, is not used"));
     assert!(told, "{:?}", after.findings);
     assert!(entry.labels[&rejected.0].is_rejected_by_operator());
-    assert!(!entry.labels.contains_key(&false_dot.0), "a false dot gets no name again");
+    assert!(
+        !entry.labels.contains_key(&false_dot.0),
+        "a false dot gets no name again"
+    );
     // The right name again: what the adjustment rejected is decided anew.
-    let (again, _) = go_on(edited(&after, &[Edit::Label { image, dot: wrong.0, point: wrong.1 }]), &scene.pictures);
+    let (again, _) = go_on(
+        edited(
+            &after,
+            &[Edit::Label {
+                image,
+                dot: wrong.0,
+                point: wrong.1,
+            }],
+        ),
+        &scene.pictures,
+    );
     let label = &again.images[&image].labels[&wrong.0];
     assert_eq!((label.point, &label.rejected), (wrong.1, &None));
-    let restore = [Edit::Restore { image, dot: rejected.0 }, Edit::Restore { image, dot: false_dot.0 }];
+    let restore = [
+        Edit::Restore {
+            image,
+            dot: rejected.0,
+        },
+        Edit::Restore {
+            image,
+            dot: false_dot.0,
+        },
+    ];
     let (restored, _) = go_on(edited(&again, &restore), &scene.pictures);
     let entry = &restored.images[&image];
     assert!(entry.labels[&rejected.0].rejected.is_none());
-    assert_eq!(entry.labels[&false_dot.0].point, false_dot.1, "identification names it again");
+    assert_eq!(
+        entry.labels[&false_dot.0].point, false_dot.1,
+        "identification names it again"
+    );
     // A new number in two images becomes a point.
     let second = ImageId(5);
     let shown = |id: ImageId| {
-        let found = done.images[&id].used_labels().find(|(_, l)| l.point == wrong.1);
+        let found = done.images[&id]
+            .used_labels()
+            .find(|(_, l)| l.point == wrong.1);
         found.map(|(dot, _)| dot)
     };
-    let images: Vec<(ImageId, DotIndex)> = oriented(&done).into_iter().filter_map(|id| Some((id, shown(id)?))).collect();
+    let images: Vec<(ImageId, DotIndex)> = oriented(&done)
+        .into_iter()
+        .filter_map(|id| Some((id, shown(id)?)))
+        .collect();
     assert!(images.len() >= 3, "{second:?}");
     let point = PointId::Target(5000);
-    let renamed: Vec<Edit> = images.iter().map(|(image, dot)| Edit::Label { image: *image, dot: *dot, point }).collect();
+    let renamed: Vec<Edit> = images
+        .iter()
+        .map(|(image, dot)| Edit::Label {
+            image: *image,
+            dot: *dot,
+            point,
+        })
+        .collect();
     let (renamed, _) = go_on(edited(&done, &renamed), &scene.pictures);
-    assert!(renamed.points.get(&point).is_some_and(|p| p.covariance.is_some()), "a point named by hand is adjusted");
+    assert!(
+        renamed
+            .points
+            .get(&point)
+            .is_some_and(|p| p.covariance.is_some()),
+        "a point named by hand is adjusted"
+    );
     assert!(renamed.next_target >= 5000);
 }

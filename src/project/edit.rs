@@ -209,29 +209,70 @@ impl Edit {
     /// What it does, as an entry of the history.
     #[must_use]
     pub fn title(&self, network: &Network) -> String {
-        let path = |id: &ImageId| network.images.get(id).map_or("an image", |i| i.file.path.as_str());
+        let path = |id: &ImageId| {
+            network
+                .images
+                .get(id)
+                .map_or("an image", |i| i.file.path.as_str())
+        };
         match self {
-            Edit::Label { image, point, .. } => format!("label {} in {}", network.label(*point), path(image)),
+            Edit::Label { image, point, .. } => {
+                format!("label {} in {}", network.label(*point), path(image))
+            }
             Edit::Unlabel { image, .. } => format!("take a label away in {}", path(image)),
-            Edit::Accept { image, dot } => format!("accept {} in {}", dot_name(network, *image, *dot), path(image)),
-            Edit::Reject { image, dot } => format!("reject {} in {}", dot_name(network, *image, *dot), path(image)),
-            Edit::Restore { image, dot } => format!("restore {} in {}", dot_name(network, *image, *dot), path(image)),
+            Edit::Accept { image, dot } => format!(
+                "accept {} in {}",
+                dot_name(network, *image, *dot),
+                path(image)
+            ),
+            Edit::Reject { image, dot } => format!(
+                "reject {} in {}",
+                dot_name(network, *image, *dot),
+                path(image)
+            ),
+            Edit::Restore { image, dot } => format!(
+                "restore {} in {}",
+                dot_name(network, *image, *dot),
+                path(image)
+            ),
             Edit::AcceptCode { image, reading } => match reading_of(network, *image, *reading) {
-                Ok(code) => format!("accept code {} in {}", code.family.code_label(code.id), path(image)),
+                Ok(code) => format!(
+                    "accept code {} in {}",
+                    code.family.code_label(code.id),
+                    path(image)
+                ),
                 Err(_) => format!("accept a code in {}", path(image)),
             },
-            Edit::Renumber { image, id, .. } => format!("renumber a code to {id} in {}", path(image)),
+            Edit::Renumber { image, id, .. } => {
+                format!("renumber a code to {id} in {}", path(image))
+            }
             Edit::SetAside { image, .. } => format!("set a code aside in {}", path(image)),
-            Edit::AddDot { image, point: Some(point), .. } => {
-                format!("measure {} by hand in {}", network.label(*point), path(image))
+            Edit::AddDot {
+                image,
+                point: Some(point),
+                ..
+            } => {
+                format!(
+                    "measure {} by hand in {}",
+                    network.label(*point),
+                    path(image)
+                )
             }
             Edit::AddDot { image, .. } => format!("measure a dot by hand in {}", path(image)),
-            Edit::AddBar { name, from, to, .. } => format!("add scale bar '{name}' from {from} to {to}"),
+            Edit::AddBar { name, from, to, .. } => {
+                format!("add scale bar '{name}' from {from} to {to}")
+            }
             Edit::RemoveBar { name } => format!("remove scale bar '{name}'"),
             Edit::SetControl { label, .. } => format!("give {label} known coordinates"),
             Edit::RemoveControl { label } => format!("take the known coordinates of {label} away"),
-            Edit::UseImage { image, usage: ImageUse::Used } => format!("use {}", path(image)),
-            Edit::UseImage { image, usage: ImageUse::Excluded } => format!("exclude {}", path(image)),
+            Edit::UseImage {
+                image,
+                usage: ImageUse::Used,
+            } => format!("use {}", path(image)),
+            Edit::UseImage {
+                image,
+                usage: ImageUse::Excluded,
+            } => format!("exclude {}", path(image)),
             Edit::Settings(_) => "change settings".into(),
         }
     }
@@ -305,24 +346,40 @@ impl Edit {
 }
 
 fn path_of(network: &Network, image: ImageId) -> Result<String, EditError> {
-    network.images.get(&image).map(|i| i.file.path.clone()).ok_or(EditError::NoImage)
+    network
+        .images
+        .get(&image)
+        .map(|i| i.file.path.clone())
+        .ok_or(EditError::NoImage)
 }
 
 fn existing_dot(network: &Network, image: ImageId, dot: DotIndex) -> Result<(), EditError> {
     let path = path_of(network, image)?;
-    let found = network.images[&image].detections.as_ref().is_some_and(|d| dot.slot() < d.dots.len());
+    let found = network.images[&image]
+        .detections
+        .as_ref()
+        .is_some_and(|d| dot.slot() < d.dots.len());
     found.then_some(()).ok_or(EditError::NoDot { image: path })
 }
 
-fn reading_of(network: &Network, image: ImageId, reading: usize) -> Result<&CodeReading, EditError> {
+fn reading_of(
+    network: &Network,
+    image: ImageId,
+    reading: usize,
+) -> Result<&CodeReading, EditError> {
     let path = path_of(network, image)?;
     let detections = network.images[&image].detections.as_ref();
-    detections.and_then(|d| d.codes.get(reading)).ok_or(EditError::NoReading { image: path })
+    detections
+        .and_then(|d| d.codes.get(reading))
+        .ok_or(EditError::NoReading { image: path })
 }
 
 /// A dot in the words of a title: its label, where it has one.
 fn dot_name(network: &Network, image: ImageId, dot: DotIndex) -> String {
-    let label = network.images.get(&image).and_then(|entry| entry.labels.get(&dot));
+    let label = network
+        .images
+        .get(&image)
+        .and_then(|entry| entry.labels.get(&dot));
     label.map_or_else(|| "a dot".to_owned(), |label| network.label(label.point))
 }
 
@@ -330,7 +387,9 @@ fn labelled(network: &Network, image: ImageId, dot: DotIndex) -> Result<(), Edit
     existing_dot(network, image, dot)?;
     let path = path_of(network, image)?;
     let found = network.images[&image].labels.contains_key(&dot);
-    found.then_some(()).ok_or(EditError::NoLabel { image: path })
+    found
+        .then_some(())
+        .ok_or(EditError::NoLabel { image: path })
 }
 
 /// Names a dot; another dot of the image that carried this name loses it, for a point has one image in a picture. A dot
@@ -339,7 +398,14 @@ fn name(network: &mut Network, image: ImageId, dot: DotIndex, point: PointId) {
     let entry = network.image_mut(image);
     let labels = Arc::make_mut(&mut entry.labels);
     labels.retain(|other, label| *other == dot || label.point != point);
-    labels.insert(dot, Label { point, source: Source::Operator, rejected: None });
+    labels.insert(
+        dot,
+        Label {
+            point,
+            source: Source::Operator,
+            rejected: None,
+        },
+    );
     if entry.rejected_dots.contains_key(&dot) {
         Arc::make_mut(&mut entry.rejected_dots).remove(&dot);
     }
@@ -391,7 +457,12 @@ fn restore(network: &mut Network, image: ImageId, dot: DotIndex) -> Result<(), E
     accept(network, image, dot)
 }
 
-fn renumber(network: &mut Network, image: ImageId, reading: usize, id: u32) -> Result<(), EditError> {
+fn renumber(
+    network: &mut Network,
+    image: ImageId,
+    reading: usize,
+    id: u32,
+) -> Result<(), EditError> {
     let code = reading_of(network, image, reading)?.clone();
     let largest = code.family.code_count();
     if !(1..=largest).contains(&id) {
@@ -410,7 +481,9 @@ fn set_aside(network: &mut Network, image: ImageId, reading: usize) -> Result<()
     let of_reading = |dot: &DotIndex, label: &Label| {
         let place = code.dots.iter().position(|other| other == dot);
         match (place.and_then(|place| CodeDot::ALL.get(place)), label.point) {
-            (Some(place), PointId::Code { family, dot, .. }) => family == code.family && dot == *place,
+            (Some(place), PointId::Code { family, dot, .. }) => {
+                family == code.family && dot == *place
+            }
             _ => false,
         }
     };

@@ -58,13 +58,20 @@ pub(super) struct Confirmed {
 ///
 /// # Errors
 /// The reason in the operator's words.
-pub(super) fn resect_from_three(network: &Network, id: ImageId, rays: &[KnownRay; 3]) -> Result<Confirmed, String> {
+pub(super) fn resect_from_three(
+    network: &Network,
+    id: ImageId,
+    rays: &[KnownRay; 3],
+) -> Result<Confirmed, String> {
     let camera = &network.camera_of(&network.images[&id]).camera;
     let directions = [0, 1, 2].map(|k: usize| camera.ray(&rays[k].observation.pixel));
     let places = [0, 1, 2].map(|k: usize| rays[k].observation.point);
     let poses = three_point_poses(&directions, &places);
     if poses.is_empty() {
-        return Err("the three points named by hand lie on one line or are no such points: label one more".into());
+        return Err(
+            "the three points named by hand lie on one line or are no such points: label one more"
+                .into(),
+        );
     }
     decide(network, id, &poses, rays).ok_or_else(|| match poses.len() {
         1 => "three points leave 1 pose, and no other dots confirm it: label one more".into(),
@@ -73,12 +80,19 @@ pub(super) fn resect_from_three(network: &Network, id: ImageId, rays: &[KnownRay
 }
 
 /// The one of several poses that the dots without a name speak for; `None` where they do not decide.
-pub(super) fn decide(network: &Network, id: ImageId, poses: &[Pose], given: &[KnownRay]) -> Option<Confirmed> {
+pub(super) fn decide(
+    network: &Network,
+    id: ImageId,
+    poses: &[Pose],
+    given: &[KnownRay],
+) -> Option<Confirmed> {
     let scene = Scene::of(network, id, given)?;
     let mut found: Vec<Support> = Vec::new();
     for pose in poses {
         if let Some(support) = scene.grow(pose)
-            && !found.iter().any(|other| scene.is_same(&other.pose, &support.pose))
+            && !found
+                .iter()
+                .any(|other| scene.is_same(&other.pose, &support.pose))
         {
             found.push(support);
         }
@@ -145,17 +159,25 @@ impl<'a> Scene<'a> {
             .points
             .iter()
             .filter(|(id, _)| !named.contains(id))
-            .map(|(id, point)| Wanted { id: *id, place: point.position })
+            .map(|(id, point)| Wanted {
+                id: *id,
+                place: point.position,
+            })
             .collect();
         let dots = (0..).map(DotIndex).zip(&detections.dots);
         let mut free: Vec<Free> = dots
             .filter(|(dot, _)| is_without_name(image, *dot))
-            .map(|(dot, measured)| Free { dot, pixel: measured.centre_px, sigma_px: measured.sigma_px })
+            .map(|(dot, measured)| Free {
+                dot,
+                pixel: measured.centre_px,
+                sigma_px: measured.sigma_px,
+            })
             .collect();
         free.sort_by(|a, b| a.pixel.y.total_cmp(&b.pixel.y));
         let lens_px = lens_limit(network, LENS_PX);
         let observations: Vec<PoseObservation> = given.iter().map(|ray| ray.observation).collect();
-        let middle = observations.iter().map(|o| o.point).sum::<Vector3<f64>>() / given.len().max(1) as f64;
+        let middle =
+            observations.iter().map(|o| o.point).sum::<Vector3<f64>>() / given.len().max(1) as f64;
         Some(Self {
             camera,
             lens_px,
@@ -169,15 +191,24 @@ impl<'a> Scene<'a> {
 
     /// Finds and refines in turn.
     fn grow(&self, start: &Pose) -> Option<Support> {
-        let mut support = Support { pose: *start, pairs: Vec::new(), by_chance: 0.0 };
+        let mut support = Support {
+            pose: *start,
+            pairs: Vec::new(),
+            by_chance: 0.0,
+        };
         for _ in 0..ROUNDS {
             let observations = self.observations(&support.pairs);
-            let settings = RefineSettings { loss: Loss::Huber(2.0), ..RefineSettings::default() };
+            let settings = RefineSettings {
+                loss: Loss::Huber(2.0),
+                ..RefineSettings::default()
+            };
             let refined = refine_pose(self.camera, &observations, &support.pose, &settings).ok()?;
             let predicted = self.predicted(&refined.pose, &refined.covariance);
             let pairs = self.clear_pairs(&predicted);
             let settled = pairs == support.pairs;
-            let areas = predicted.iter().map(|p| std::f64::consts::PI * p.gate_px * p.gate_px);
+            let areas = predicted
+                .iter()
+                .map(|p| std::f64::consts::PI * p.gate_px * p.gate_px);
             support = Support {
                 pose: refined.pose,
                 pairs,
@@ -198,7 +229,11 @@ impl<'a> Scene<'a> {
             sigma_px: self.free[free].sigma_px,
         });
         let all = self.given.iter().copied().chain(found);
-        all.map(|o| PoseObservation { sigma_px: o.sigma_px.hypot(self.lens_px), ..o }).collect()
+        all.map(|o| PoseObservation {
+            sigma_px: o.sigma_px.hypot(self.lens_px),
+            ..o
+        })
+        .collect()
     }
 
     /// The wanted points in the picture whose places are known well enough, by rows.
@@ -213,13 +248,21 @@ impl<'a> Scene<'a> {
                 continue;
             }
             let mut by_pose = SMatrix::<f64, 2, 6>::zeros();
-            by_pose.fixed_view_mut::<2, 3>(0, 0).copy_from(&(-projection.by_point * skew(&in_camera)));
-            by_pose.fixed_view_mut::<2, 3>(0, 3).copy_from(&(-projection.by_point * pose.camera_from_world.matrix()));
+            by_pose
+                .fixed_view_mut::<2, 3>(0, 0)
+                .copy_from(&(-projection.by_point * skew(&in_camera)));
+            by_pose
+                .fixed_view_mut::<2, 3>(0, 3)
+                .copy_from(&(-projection.by_point * pose.camera_from_world.matrix()));
             let spread: Matrix2<f64> = by_pose * covariance * by_pose.transpose();
             // The larger axis of the ellipse is at most the root of the trace.
             let gate_px = GATE_SIGMAS * (spread.trace() + self.lens_px * self.lens_px).sqrt();
             if gate_px <= WIDEST_GATE_PX.max(GATE_SIGMAS * self.lens_px) {
-                predicted.push(Predicted { wanted, pixel: projection.pixel, gate_px });
+                predicted.push(Predicted {
+                    wanted,
+                    pixel: projection.pixel,
+                    gate_px,
+                });
             }
         }
         predicted.sort_by(|a, b| a.pixel.y.total_cmp(&b.pixel.y));
@@ -246,7 +289,8 @@ impl<'a> Scene<'a> {
     fn is_same(&self, a: &Pose, b: &Pose) -> bool {
         let distance = (a.centre_in_world - self.middle).norm();
         let apart = (a.centre_in_world - b.centre_in_world).norm();
-        let turn = (a.camera_from_world.matrix() - b.camera_from_world.matrix()).norm() / 2_f64.sqrt();
+        let turn =
+            (a.camera_from_world.matrix() - b.camera_from_world.matrix()).norm() / 2_f64.sqrt();
         apart < SAME_POSE * distance && turn < SAME_POSE
     }
 
@@ -254,22 +298,33 @@ impl<'a> Scene<'a> {
         let miss = |&(free, wanted): &(usize, usize)| {
             let in_camera = support.pose.camera_from_point(&self.wanted[wanted].place);
             let pixel = self.camera.project(&in_camera);
-            pixel.map_or(f64::INFINITY, |pixel| (pixel - self.free[free].pixel).norm())
+            pixel.map_or(f64::INFINITY, |pixel| {
+                (pixel - self.free[free].pixel).norm()
+            })
         };
         let mut misses: Vec<f64> = support.pairs.iter().map(miss).collect();
         misses.sort_by(f64::total_cmp);
         let typical = misses.get(misses.len() / 2).copied().unwrap_or(0.0);
-        let named = support.pairs.iter().filter(|pair| miss(pair) <= NAMED_WITHIN * typical);
+        let named = support
+            .pairs
+            .iter()
+            .filter(|pair| miss(pair) <= NAMED_WITHIN * typical);
         Confirmed {
             pose: support.pose,
-            named: named.map(|&(free, wanted)| (self.free[free].dot, self.wanted[wanted].id)).collect(),
+            named: named
+                .map(|&(free, wanted)| (self.free[free].dot, self.wanted[wanted].id))
+                .collect(),
         }
     }
 }
 
 /// The three labels of an image that the operator gave, where there are just three.
 pub(super) fn three_by_hand(rays: &[KnownRay]) -> Option<[KnownRay; 3]> {
-    let by_hand: Vec<KnownRay> = rays.iter().filter(|ray| ray.source == Source::Operator).cloned().collect();
+    let by_hand: Vec<KnownRay> = rays
+        .iter()
+        .filter(|ray| ray.source == Source::Operator)
+        .cloned()
+        .collect();
     by_hand.try_into().ok()
 }
 
@@ -279,12 +334,18 @@ fn is_without_name(image: &ImageEntry, dot: DotIndex) -> bool {
 
 /// Dots per square pixel of the part of the picture where there are any.
 fn density(free: &[Free]) -> f64 {
-    let bounds = free.iter().fold(None, |bounds: Option<(Vector2<f64>, Vector2<f64>)>, dot| {
-        let (low, high) = bounds.unwrap_or((dot.pixel, dot.pixel));
-        Some((low.inf(&dot.pixel), high.sup(&dot.pixel)))
-    });
+    let bounds = free
+        .iter()
+        .fold(None, |bounds: Option<(Vector2<f64>, Vector2<f64>)>, dot| {
+            let (low, high) = bounds.unwrap_or((dot.pixel, dot.pixel));
+            Some((low.inf(&dot.pixel), high.sup(&dot.pixel)))
+        });
     let area = bounds.map_or(0.0, |(low, high)| (high - low).product());
-    if area > 0.0 { free.len() as f64 / area } else { 0.0 }
+    if area > 0.0 {
+        free.len() as f64 / area
+    } else {
+        0.0
+    }
 }
 
 /// The nearest of several places (by rows) within a distance, where no other is nearly as near.
@@ -298,18 +359,28 @@ fn clear_choice(places: &[Vector2<f64>], to: &Vector2<f64>, within: f64) -> Opti
     near.sort_by(|a, b| a.0.total_cmp(&b.0));
     let &(nearest, index) = near.first().filter(|(distance, _)| *distance <= within)?;
     // Half a pixel: nearer ones differ by what the lens leaves open.
-    let clear = near.get(1).is_none_or(|(second, _)| *second > CLEAR * nearest.max(0.5));
+    let clear = near
+        .get(1)
+        .is_none_or(|(second, _)| *second > CLEAR * nearest.max(0.5));
     clear.then_some(index)
 }
 
 /// Names that were found while orienting; dots and points that have one already keep it.
 pub(super) fn give_names(image: &mut ImageEntry, named: &[(DotIndex, PointId)]) {
     use crate::network::Label;
-    let taken: BTreeMap<PointId, DotIndex> = image.labels.iter().map(|(dot, label)| (label.point, *dot)).collect();
+    let taken: BTreeMap<PointId, DotIndex> = image
+        .labels
+        .iter()
+        .map(|(dot, label)| (label.point, *dot))
+        .collect();
     let labels = std::sync::Arc::make_mut(&mut image.labels);
     for &(dot, point) in named {
         if !taken.contains_key(&point) {
-            labels.entry(dot).or_insert(Label { point, source: Source::Automatic, rejected: None });
+            labels.entry(dot).or_insert(Label {
+                point,
+                source: Source::Automatic,
+                rejected: None,
+            });
         }
     }
 }

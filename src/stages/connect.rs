@@ -34,7 +34,8 @@ pub(super) fn next(network: &Network) -> Option<ImageId> {
         .map(|(id, image)| (known_points(network, image), id, image))
         .filter(|(known, _, image)| {
             let tried = image.attempt.as_ref().filter(|a| a.basis == network.inputs);
-            is_enough(network, image, *known) && tried.is_none_or(|attempt| *known > attempt.known_points)
+            is_enough(network, image, *known)
+                && tried.is_none_or(|attempt| *known > attempt.known_points)
         })
         // Most known points first; of equal ones the first image.
         .min_by_key(|(known, id, _)| (std::cmp::Reverse(*known), *id))

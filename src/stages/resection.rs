@@ -145,11 +145,7 @@ fn from_confirmed(
 
 /// Orients an image: by the closed-form similarity transformation where it shows three known `dot420` codes, else by
 /// three points in sample consensus; both refined by collinearity.
-fn resect_from_all(
-    network: &Network,
-    id: ImageId,
-    rays: &[KnownRay],
-) -> Result<FoundPose, String> {
+fn resect_from_all(network: &Network, id: ImageId, rays: &[KnownRay]) -> Result<FoundPose, String> {
     let camera = &network.camera_of(&network.images[&id]).camera;
     let observations: Vec<PoseObservation> = rays.iter().map(|ray| ray.observation).collect();
     let needed = ((SHARE_TO_AGREE * rays.len() as f64).ceil() as usize).max(4);

@@ -48,7 +48,10 @@ pub(super) fn operators_labels_not_used(network: &Network, stage: Stage) -> Vec<
                     stage,
                     kind: FindingKind::RejectedObservation,
                     about: About::Image(id),
-                    text: format!("{}: {name}, named by hand, is not used: {reason}", image.file.path),
+                    text: format!(
+                        "{}: {name}, named by hand, is not used: {reason}",
+                        image.file.path
+                    ),
                 });
             }
         }

@@ -10,7 +10,10 @@ fn point_of(network: &Network, label: &str) -> Result<PointId, EditError> {
     let unknown = || EditError::UnknownPoint(label.trim().to_owned());
     let point = network.point_of_label(label).map_err(|_| unknown())?;
     let shown = |point| {
-        let mut labels = network.images.values().flat_map(|image| image.labels.values());
+        let mut labels = network
+            .images
+            .values()
+            .flat_map(|image| image.labels.values());
         labels.any(|label| label.point == point)
     };
     let known = network.points.contains_key(&point) || shown(point);
@@ -19,14 +22,20 @@ fn point_of(network: &Network, label: &str) -> Result<PointId, EditError> {
 
 fn positive(what: &'static str, found: f64) -> Result<(), EditError> {
     let is_positive = found.is_finite() && found > 0.0;
-    is_positive.then_some(()).ok_or(EditError::NotPositive { what, found })
+    is_positive
+        .then_some(())
+        .ok_or(EditError::NotPositive { what, found })
 }
 
 pub(super) fn add_bar(network: &mut Network, bar: ScaleBar) -> Result<(), EditError> {
     if bar.name.is_empty() {
         return Err(EditError::NoBarName);
     }
-    if network.scale_bars.iter().any(|other| other.name == bar.name) {
+    if network
+        .scale_bars
+        .iter()
+        .any(|other| other.name == bar.name)
+    {
         return Err(EditError::BarExists(bar.name));
     }
     let ends = [point_of(network, &bar.from)?, point_of(network, &bar.to)?];
@@ -89,6 +98,13 @@ pub(super) fn remove_control(network: &mut Network, label: &str) -> Result<(), E
 }
 
 fn place_of_control(network: &Network, point: PointId) -> Option<usize> {
-    let is_of = |label: &str| network.point_of_label(label).is_ok_and(|other| other == point);
-    network.control.iter().position(|control| is_of(&control.label))
+    let is_of = |label: &str| {
+        network
+            .point_of_label(label)
+            .is_ok_and(|other| other == point)
+    };
+    network
+        .control
+        .iter()
+        .position(|control| is_of(&control.label))
 }

@@ -7,6 +7,7 @@ use super::items::{ReviewItem, in_order, items_of_image};
 use crate::network::{
     AdjustmentResult, CameraEntry, CameraId, ImageEntry, ImageId, Network, Point, PointId,
 };
+use crate::ui::image_view::Directions;
 
 /// Points predicted in one frame, about two milliseconds of one core.
 const PREDICTIONS_A_FRAME: usize = 20_000;
@@ -16,6 +17,8 @@ struct Common {
     cameras: Arc<BTreeMap<CameraId, Arc<CameraEntry>>>,
     points: Arc<BTreeMap<PointId, Arc<Point>>>,
     adjustment: Option<Arc<AdjustmentResult>>,
+    /// Edits change single labels, which turns no mean direction by much: they need not be found again.
+    directions: Arc<Directions>,
 }
 
 struct Found {
@@ -60,6 +63,11 @@ impl Queue {
         };
         self.found.retain(|id, found| present(id, found));
         let mut changed = !stands || self.found.len() != before;
+        let directions = self
+            .common
+            .as_ref()
+            .map(|c| Arc::clone(&c.directions))
+            .unwrap_or_default();
         let mut predictions = 0;
         for (id, _) in network.used_images() {
             if predictions >= PREDICTIONS_A_FRAME {
@@ -67,7 +75,7 @@ impl Queue {
             }
             if !self.found.contains_key(&id) {
                 let image = network.images[&id].clone();
-                let items = items_of_image(network, id, &image);
+                let items = items_of_image(network, id, &image, &directions);
                 let items = items.into_iter().map(Arc::new).collect();
                 self.found.insert(id, Found { image, items });
                 predictions += network.points.len();
@@ -91,6 +99,7 @@ impl Common {
             cameras: network.cameras.clone(),
             points: network.points.clone(),
             adjustment: network.adjustment.clone(),
+            directions: Arc::new(Directions::of(network)),
         }
     }
 
