@@ -66,7 +66,8 @@ pub struct Computed {
     result: Stepped,
 }
 
-/// A step with what it means for its stage, so that taking it over is quick.
+/// A step with what it means for its stage, so that taking it over is quick. One at a time is under way.
+#[expect(clippy::large_enum_variant, reason = "there is one, and it is moved twice")]
 enum Stepped {
     /// The operator stopped it before anything was finished.
     Interrupted,

@@ -291,7 +291,7 @@ fn a_dot_without_a_name_gets_the_nearest_by_two_keys() {
 #[test]
 fn a_missed_target_is_measured_and_named_by_two_keys() {
     let (network, point, place) = with_a_missed_target();
-    let missed = missed_targets(&network, FIRST, &network.images[&FIRST]);
+    let missed = missed_targets(&network, &network.images[&FIRST]);
     let predicted = missed
         .iter()
         .find(|m| m.point == point)
