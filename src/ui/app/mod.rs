@@ -13,6 +13,7 @@ mod palette;
 mod panes;
 mod sight;
 mod start;
+mod title;
 
 use std::collections::VecDeque;
 use std::path::PathBuf;
@@ -75,6 +76,8 @@ pub struct App {
     palette: Palette,
     start: Start,
     forms: forms::Forms,
+    /// What the window's frame says.
+    title: title::Title,
     /// Answers of dialogs, which run on threads of their own.
     answers: Receiver<Action>,
     ask: Sender<Action>,
@@ -140,6 +143,7 @@ impl App {
             palette: Palette::default(),
             start: Start::default(),
             forms: forms::Forms::default(),
+            title: title::Title::default(),
             answers,
             ask,
         };
@@ -239,6 +243,7 @@ impl App {
 impl eframe::App for App {
     fn logic(&mut self, context: &Context, _frame: &mut eframe::Frame) {
         self.take_over(context);
+        self.show_title(context);
     }
 
     fn ui(&mut self, ui: &mut egui::Ui, _frame: &mut eframe::Frame) {
