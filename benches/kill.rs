@@ -11,7 +11,9 @@ mod driven;
 mod killing;
 
 fn main() -> Result<(), String> {
-    let numbers: Vec<u64> = std::env::args().filter_map(|argument| argument.parse().ok()).collect();
+    let numbers: Vec<u64> = std::env::args()
+        .filter_map(|argument| argument.parse().ok())
+        .collect();
     let kills = numbers.first().map_or(50, |kills| *kills as usize);
     let seed = numbers.get(1).copied().unwrap_or(2002);
     let screen = driven::Screen::start()?;
@@ -21,6 +23,8 @@ fn main() -> Result<(), String> {
     println!("{edits}");
     match stages.lost + edits.lost {
         0 => Ok(()),
-        lost => Err(format!("{lost} steps or edits that were shown as saved are lost")),
+        lost => Err(format!(
+            "{lost} steps or edits that were shown as saved are lost"
+        )),
     }
 }

@@ -24,7 +24,11 @@ struct Row {
 
 impl Row {
     fn new(what: impl Into<String>, found: impl Into<String>, goal: &'static str) -> Self {
-        Self { what: what.into(), found: found.into(), goal }
+        Self {
+            what: what.into(),
+            found: found.into(),
+            goal,
+        }
     }
 }
 
@@ -42,23 +46,40 @@ const PARTS: [Part; 6] = [
 ];
 
 fn main() {
-    let word = std::env::args().skip(1).find(|a| !a.starts_with('-')).unwrap_or_default();
+    let word = std::env::args()
+        .skip(1)
+        .find(|a| !a.starts_with('-'))
+        .unwrap_or_default();
     let inputs = inputs::Inputs::prepare();
     let cores = std::thread::available_parallelism().map_or(0, usize::from);
-    println!("{cores} cores, load {}", std::fs::read_to_string("/proc/loadavg").unwrap_or_default().trim());
+    println!(
+        "{cores} cores, load {}",
+        std::fs::read_to_string("/proc/loadavg")
+            .unwrap_or_default()
+            .trim()
+    );
     println!("\n| what | found | goal |\n|---|---|---|");
     for (_, part) in PARTS.iter().filter(|(name, _)| name.contains(&word)) {
         for Row { what, found, goal } in part(&inputs) {
             println!("| {what} | {found} | {goal} |");
         }
     }
-    println!("\nload {}", std::fs::read_to_string("/proc/loadavg").unwrap_or_default().trim());
+    println!(
+        "\nload {}",
+        std::fs::read_to_string("/proc/loadavg")
+            .unwrap_or_default()
+            .trim()
+    );
 }
 
 /// A time in ms.
 fn ms(time: Duration) -> String {
     let ms = time.as_secs_f64() * 1000.0;
-    if ms < 10.0 { format!("{ms:.1} ms") } else { format!("{ms:.0} ms") }
+    if ms < 10.0 {
+        format!("{ms:.1} ms")
+    } else {
+        format!("{ms:.0} ms")
+    }
 }
 
 /// Median and worst of some times.

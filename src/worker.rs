@@ -41,23 +41,42 @@ impl<T: Send + 'static> Worker<T> {
     pub fn new(name: &str, wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
         let (orders, incoming) = channel::<Order<T>>();
         let (outgoing, results) = channel();
-        thread::Builder::new().name(name.to_owned()).spawn(move || {
-            for Order { job, monitor } in incoming {
-                let result = catch_unwind(AssertUnwindSafe(|| job(&monitor)));
-                let sent = outgoing.send(result.map_err(|payload| Panicked { message: said(payload.as_ref()) }));
-                wake();
-                if sent.is_err() {
-                    break;
+        thread::Builder::new()
+            .name(name.to_owned())
+            .spawn(move || {
+                for Order { job, monitor } in incoming {
+                    let result = catch_unwind(AssertUnwindSafe(|| job(&monitor)));
+                    let sent = outgoing.send(result.map_err(|payload| Panicked {
+                        message: said(payload.as_ref()),
+                    }));
+                    wake();
+                    if sent.is_err() {
+                        break;
+                    }
                 }
-            }
-        })?;
-        Ok(Self { orders, results, open: 0 })
+            })?;
+        Ok(Self {
+            orders,
+            results,
+            open: 0,
+        })
     }
 
     /// Gives the worker a job; it is done after those given before.
-    pub fn start(&mut self, monitor: Arc<Monitor>, job: impl FnOnce(&Monitor) -> T + Send + 'static) {
+    pub fn start(
+        &mut self,
+        monitor: Arc<Monitor>,
+        job: impl FnOnce(&Monitor) -> T + Send + 'static,
+    ) {
         // The thread ends only with the worker, so there is always somebody to take the order.
-        if self.orders.send(Order { job: Box::new(job), monitor }).is_ok() {
+        if self
+            .orders
+            .send(Order {
+                job: Box::new(job),
+                monitor,
+            })
+            .is_ok()
+        {
             self.open += 1;
         }
     }
@@ -82,7 +101,10 @@ impl<T: Send + 'static> Worker<T> {
 /// # Errors
 /// Where the system gives no thread.
 pub fn apart(name: &str, work: impl FnOnce() + Send + 'static) -> std::io::Result<()> {
-    thread::Builder::new().name(name.to_owned()).spawn(work).map(drop)
+    thread::Builder::new()
+        .name(name.to_owned())
+        .spawn(work)
+        .map(drop)
 }
 
 fn said(payload: &(dyn Any + Send)) -> String {
@@ -101,7 +123,8 @@ mod tests {
     #[test]
     fn jobs_are_done_in_order_and_wake_the_window() {
         let (wake, woken) = channel();
-        let mut worker = Worker::new("test", move || wake.send(()).expect("the test listens")).expect("a thread");
+        let mut worker = Worker::new("test", move || wake.send(()).expect("the test listens"))
+            .expect("a thread");
         for number in 0..3 {
             worker.start(Arc::new(Monitor::new()), move |_| number);
         }
@@ -117,11 +140,17 @@ mod tests {
     #[test]
     fn a_panic_is_a_result_and_the_worker_goes_on() {
         let (wake, woken) = channel();
-        let mut worker = Worker::new("test", move || wake.send(()).expect("the test listens")).expect("a thread");
+        let mut worker = Worker::new("test", move || wake.send(()).expect("the test listens"))
+            .expect("a thread");
         worker.start(Arc::new(Monitor::new()), |_| panic!("on purpose"));
         worker.start(Arc::new(Monitor::new()), |_| 7);
         woken.recv().expect("a result");
-        assert_eq!(worker.poll(), Some(Err(Panicked { message: "on purpose".into() })));
+        assert_eq!(
+            worker.poll(),
+            Some(Err(Panicked {
+                message: "on purpose".into()
+            }))
+        );
         woken.recv().expect("a result");
         assert_eq!(worker.poll(), Some(Ok(7)));
     }

@@ -10,7 +10,9 @@ use driven::Screen;
 
 /// The screen; what is tested cannot be without it, and a user who builds without X should not fail for that.
 fn screen() -> Option<Screen> {
-    Screen::start().map_err(|why| eprintln!("tests/kill.rs did not run: {why}")).ok()
+    Screen::start()
+        .map_err(|why| eprintln!("tests/kill.rs did not run: {why}"))
+        .ok()
 }
 
 #[test]

@@ -58,8 +58,13 @@ impl Desk {
     pub(crate) fn frame(&mut self) -> Frame {
         let window = self.step();
         let begun = Instant::now();
-        self.harness.render().expect("a renderer: mesa-vulkan-drivers has one");
-        Frame { window, renderer: begun.elapsed() }
+        self.harness
+            .render()
+            .expect("a renderer: mesa-vulkan-drivers has one");
+        Frame {
+            window,
+            renderer: begun.elapsed(),
+        }
     }
 
     /// Frames without pictures until something holds.
@@ -67,14 +72,22 @@ impl Desk {
         let begun = Instant::now();
         while !holds(self.app()) {
             self.step();
-            assert!(begun.elapsed() < PATIENCE, "it never came: {}", self.app().message());
+            assert!(
+                begun.elapsed() < PATIENCE,
+                "it never came: {}",
+                self.app().message()
+            );
         }
         begun.elapsed()
     }
 
     /// Opens a project and waits until it is there.
     pub(crate) fn open(&mut self, project: &Path) {
-        let name = project.file_name().expect("a file").to_string_lossy().into_owned();
+        let name = project
+            .file_name()
+            .expect("a file")
+            .to_string_lossy()
+            .into_owned();
         self.apply(Action::Open(project.to_owned()));
         self.until(|app| app.is_idle() && app.window_title().starts_with(&name));
     }
@@ -83,5 +96,8 @@ impl Desk {
 /// The worst of both parts.
 pub(crate) fn worst(frames: &[Frame]) -> Frame {
     let most = |of: fn(&Frame) -> Duration| frames.iter().map(of).max().unwrap_or_default();
-    Frame { window: most(|f| f.window), renderer: most(|f| f.renderer) }
+    Frame {
+        window: most(|f| f.window),
+        renderer: most(|f| f.renderer),
+    }
 }

@@ -11,8 +11,8 @@ use tiepoint::commands::{DemoRequest, NewRequest, new, prepare_demo};
 use tiepoint::geometry::Pose;
 use tiepoint::monitor::Monitor;
 use tiepoint::network::{
-    CameraEntry, CameraId, ImageEntry, ImageFile, ImageId, InteriorSource, Label, Network, Point, PointId, Source, Stage,
-    Station,
+    CameraEntry, CameraId, ImageEntry, ImageFile, ImageId, InteriorSource, Label, Network, Point,
+    PointId, Source, Stage, Station,
 };
 use tiepoint::project::session::Session;
 use tiepoint::report::{CameraFile, cameras_toml};
@@ -50,7 +50,9 @@ impl Inputs {
                 let _ = fs::remove_file(file(Some(stage)));
                 session.save_copy(&file(Some(stage))).expect("a copy");
                 while let Some(run) = session.begin(stage).expect("a step") {
-                    session.finish(run.compute(&Monitor::new())).expect("a step that can be done");
+                    session
+                        .finish(run.compute(&Monitor::new()))
+                        .expect("a step that can be done");
                 }
             }
             session.save_copy(&file(None)).expect("a copy");
@@ -77,7 +79,13 @@ impl Inputs {
         };
         let experiment = box_experiment(&settings).expect("a scene");
         let station = &experiment.stations[0];
-        let picture = render(&experiment.scene, &experiment.camera, &station.pose, &RenderSettings::default(), 1);
+        let picture = render(
+            &experiment.scene,
+            &experiment.camera,
+            &station.pose,
+            &RenderSettings::default(),
+            1,
+        );
         let (width, height) = (picture.width_px, picture.height_px);
         let grey = image::GrayImage::from_raw(width, height, picture.image).expect("all pixels");
         grey.save(folder.join("large.png")).expect("a picture file");
@@ -127,16 +135,24 @@ pub(crate) fn ring_of_stations(stations: u32, points: u32) -> Network {
     };
     let mut network = Network::default();
     network.cameras = Arc::new(BTreeMap::from([(CameraId(0), Arc::new(camera))]));
-    network.points = Arc::new((0..points).map(|number| (PointId::Target(number), Arc::new(point(number)))).collect());
-    network.images =
-        Arc::new((0..stations).map(|number| (ImageId(number), Arc::new(station(number, stations, points)))).collect());
+    network.points = Arc::new(
+        (0..points)
+            .map(|number| (PointId::Target(number), Arc::new(point(number))))
+            .collect(),
+    );
+    network.images = Arc::new(
+        (0..stations)
+            .map(|number| (ImageId(number), Arc::new(station(number, stations, points))))
+            .collect(),
+    );
     network.connection_order = Arc::new((0..stations).map(ImageId).collect());
     network
 }
 
 fn point(number: u32) -> Point {
     let number = f64::from(number);
-    let [x, y, z] = [0.618_034, 0.754_878, 0.569_840].map(|step: f64| (number * step).fract() - 0.5);
+    let [x, y, z] =
+        [0.618_034, 0.754_878, 0.569_840].map(|step: f64| (number * step).fract() - 0.5);
     let sigma = 0.01 + 0.02 * (z + 0.5);
     Point {
         position: Vector3::new(600.0 * x, 400.0 * y, 300.0 * z),
@@ -147,7 +163,11 @@ fn point(number: u32) -> Point {
 
 fn station(number: u32, stations: u32, points: u32) -> ImageEntry {
     let angle = std::f64::consts::TAU * f64::from(number) / f64::from(stations);
-    let centre = Vector3::new(1500.0 * angle.cos(), 1500.0 * angle.sin(), 250.0 + 650.0 * f64::from(number % 2));
+    let centre = Vector3::new(
+        1500.0 * angle.cos(),
+        1500.0 * angle.sin(),
+        250.0 + 650.0 * f64::from(number % 2),
+    );
     let file = ImageFile {
         path: format!("images/image{number:04}.png"),
         size_bytes: 1,
@@ -157,9 +177,16 @@ fn station(number: u32, stations: u32, points: u32) -> ImageEntry {
     };
     let mut image = ImageEntry::new(file, CameraId(0));
     let pose = Pose::looking_at(centre, Vector3::zeros(), Vector3::z(), 0.0);
-    image.station = Some(Station { pose, covariance: None });
+    image.station = Some(Station {
+        pose,
+        covariance: None,
+    });
     let seen = (0..points).filter(|point| (point + number).is_multiple_of(5));
-    let label = |point| Label { point: PointId::Target(point), source: Source::Automatic, rejected: None };
+    let label = |point| Label {
+        point: PointId::Target(point),
+        source: Source::Automatic,
+        rejected: None,
+    };
     image.labels = Arc::new(seen.map(|point| (DotIndex(point), label(point))).collect());
     image
 }

@@ -28,7 +28,9 @@ fn peak_memory() -> String {
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
     let kilobytes: Option<f64> = line.and_then(|line| line.split_whitespace().next()?.parse().ok());
-    kilobytes.map_or("-".into(), |kilobytes| format!("{:.0} MB", kilobytes / 1000.0))
+    kilobytes.map_or("-".into(), |kilobytes| {
+        format!("{:.0} MB", kilobytes / 1000.0)
+    })
 }
 
 pub(crate) fn opening_and_memory(inputs: &Inputs) -> Vec<Row> {
@@ -44,7 +46,12 @@ pub(crate) fn opening_and_memory(inputs: &Inputs) -> Vec<Row> {
     let first = begun.elapsed();
     let all = |app: &App| {
         let network = app.network();
-        network.images.iter().filter(|(id, entry)| app.pictures().thumbnail(**id, entry).is_none()).count() == 0
+        network
+            .images
+            .iter()
+            .filter(|(id, entry)| app.pictures().thumbnail(**id, entry).is_none())
+            .count()
+            == 0
     };
     desk.until(all);
     desk.frame();
@@ -60,11 +67,23 @@ pub(crate) fn opening_and_memory(inputs: &Inputs) -> Vec<Row> {
     }
     let measured = begun.elapsed();
     vec![
-        Row::new("opening a measured project of 34 images, to its first picture", ms(first), ""),
+        Row::new(
+            "opening a measured project of 34 images, to its first picture",
+            ms(first),
+            "",
+        ),
         Row::new("the same, to the last of 34 thumbnails", ms(thumbnails), ""),
         Row::new("memory with 34 images open, at most", opened, ""),
-        Row::new("memory while 34 images are measured, at most", peak_memory(), ""),
-        Row::new("measuring 34 images in the window", format!("{:.1} s", measured.as_secs_f64()), ""),
+        Row::new(
+            "memory while 34 images are measured, at most",
+            peak_memory(),
+            "",
+        ),
+        Row::new(
+            "measuring 34 images in the window",
+            format!("{:.1} s", measured.as_secs_f64()),
+            "",
+        ),
     ]
 }
 
@@ -88,7 +107,11 @@ pub(crate) fn interrupts(inputs: &Inputs) -> Vec<Row> {
                 answers.push(desk.until(|app| !app.runner().is_running()));
             }
         }
-        let what = format!("from Esc to standstill: {stage}, {} of {MOMENTS} moments in {}", answers.len(), ms(lasts));
+        let what = format!(
+            "from Esc to standstill: {stage}, {} of {MOMENTS} moments in {}",
+            answers.len(),
+            ms(lasts)
+        );
         rows.push(Row::new(what, median_and_worst(answers), "100 ms"));
     }
     rows
@@ -97,8 +120,16 @@ pub(crate) fn interrupts(inputs: &Inputs) -> Vec<Row> {
 fn rows_of_frames(what: &str, frames: &[Frame]) -> Vec<Row> {
     let part = |of: fn(&Frame) -> Duration| median_and_worst(frames.iter().map(of).collect());
     vec![
-        Row::new(format!("longest frame {what}, the window's part"), part(|f| f.window), "16 ms"),
-        Row::new(format!("longest frame {what}, the renderer's part"), part(|f| f.renderer), ""),
+        Row::new(
+            format!("longest frame {what}, the window's part"),
+            part(|f| f.window),
+            "16 ms",
+        ),
+        Row::new(
+            format!("longest frame {what}, the renderer's part"),
+            part(|f| f.renderer),
+            "",
+        ),
     ]
 }
 
@@ -128,7 +159,10 @@ pub(crate) fn frames_of_a_large_picture(inputs: &Inputs) -> Vec<Row> {
     let mut frames = Vec::new();
     let is_there = |app: &App| {
         let network = app.network();
-        network.images.iter().all(|(id, entry)| matches!(app.pictures().get(*id, entry), PictureState::Ready(_)))
+        network
+            .images
+            .iter()
+            .all(|(id, entry)| matches!(app.pictures().get(*id, entry), PictureState::Ready(_)))
     };
     while !is_there(desk.app()) {
         frames.push(desk.frame());
@@ -137,7 +171,11 @@ pub(crate) fn frames_of_a_large_picture(inputs: &Inputs) -> Vec<Row> {
         frames.push(desk.frame());
     }
     let shown = begun.elapsed();
-    let mut rows = vec![Row::new("a picture of 24 megapixels, from opening to sharp on the screen", ms(shown), "")];
+    let mut rows = vec![Row::new(
+        "a picture of 24 megapixels, from opening to sharp on the screen",
+        ms(shown),
+        "",
+    )];
     rows.extend(rows_of_frames("while it comes", &frames));
     desk.harness.event(Event::PointerMoved(PANEL));
     desk.frame();
@@ -166,7 +204,9 @@ pub(crate) fn frames_of_a_large_picture(inputs: &Inputs) -> Vec<Row> {
     desk.harness.event(button(true, PANEL));
     for place in 0..60 {
         let angle = place as f32 * 0.2;
-        desk.harness.event(Event::PointerMoved(PANEL + 100.0 * vec2(angle.sin(), angle.cos())));
+        desk.harness.event(Event::PointerMoved(
+            PANEL + 100.0 * vec2(angle.sin(), angle.cos()),
+        ));
         moves.push(desk.frame());
     }
     desk.harness.event(button(false, PANEL));
@@ -204,7 +244,9 @@ pub(crate) fn frames_of_a_large_network(_: &Inputs) -> Vec<Row> {
         pictures: PictureStore::new(PictureSettings::default(), || {}).expect("threads"),
         selection: Selection::default(),
     };
-    let mut harness = Harness::builder().with_size([700.0, 600.0]).build_ui_state(View::draw, view);
+    let mut harness = Harness::builder()
+        .with_size([700.0, 600.0])
+        .build_ui_state(View::draw, view);
     let mut step = |events: &[Event]| {
         for event in events {
             harness.event(event.clone());
@@ -228,8 +270,16 @@ pub(crate) fn frames_of_a_large_network(_: &Inputs) -> Vec<Row> {
         .map(|place| step(&[Event::PointerMoved(middle + vec2(place as f32, 0.0))]))
         .collect();
     vec![
-        Row::new("3D view, 20,000 points and 2,000 stations: first frame", ms(first), ""),
-        Row::new("the same while it is turned, the window's part", median_and_worst(turning), "4 ms"),
+        Row::new(
+            "3D view, 20,000 points and 2,000 stations: first frame",
+            ms(first),
+            "",
+        ),
+        Row::new(
+            "the same while it is turned, the window's part",
+            median_and_worst(turning),
+            "4 ms",
+        ),
     ]
 }
 
@@ -248,8 +298,11 @@ pub(crate) fn keys_for_missed_targets(inputs: &Inputs) -> Vec<Row> {
         let strip = |network: &mut Network| {
             for id in images.iter().take(MISSED) {
                 let labels = std::sync::Arc::make_mut(&mut network.image_mut(*id).labels);
-                let plain = |label: &tiepoint::network::Label| matches!(label.point, PointId::Target(_));
-                let found = labels.iter().find(|(_, label)| plain(label) && label.rejected.is_none());
+                let plain =
+                    |label: &tiepoint::network::Label| matches!(label.point, PointId::Target(_));
+                let found = labels
+                    .iter()
+                    .find(|(_, label)| plain(label) && label.rejected.is_none());
                 if let Some((dot, point)) = found.map(|(dot, label)| (*dot, label.point)) {
                     labels.remove(&dot);
                     taken.push((*id, dot, point));
@@ -279,13 +332,24 @@ pub(crate) fn keys_for_missed_targets(inputs: &Inputs) -> Vec<Row> {
         desk.harness.key_press(Key::Space);
         presses += 1;
         for _ in 0..20 {
-            longest.push(Frame { window: desk.step(), renderer: Duration::ZERO });
+            longest.push(Frame {
+                window: desk.step(),
+                renderer: Duration::ZERO,
+            });
         }
     }
     let left = left(desk.app());
     let found = format!("{presses} keys, no click, no dialog; {left} left");
     vec![
-        Row::new(format!("naming {MISSED} dots that lost their names, in the review"), found, "23 to 46"),
-        Row::new("longest frame meanwhile, the window's part", ms(worst(&longest).window), "16 ms"),
+        Row::new(
+            format!("naming {MISSED} dots that lost their names, in the review"),
+            found,
+            "23 to 46",
+        ),
+        Row::new(
+            "longest frame meanwhile, the window's part",
+            ms(worst(&longest).window),
+            "16 ms",
+        ),
     ]
 }

@@ -16,6 +16,7 @@ use std::path::Path;
 use crate::imaging::LoadError;
 use crate::project::files::FileError;
 use crate::project::intake::IntakeError;
+use crate::project::making::MakingError;
 use crate::project::session::Session;
 use crate::project::storage::StorageError;
 use crate::report::WriteError;
@@ -116,6 +117,17 @@ impl From<FileError> for CommandError {
 impl From<IntakeError> for CommandError {
     fn from(error: IntakeError) -> Self {
         Self::input(error.to_string())
+    }
+}
+
+impl From<MakingError> for CommandError {
+    fn from(error: MakingError) -> Self {
+        match error {
+            MakingError::Exists { .. } => Self::input(error.to_string()),
+            MakingError::File(error) => error.into(),
+            MakingError::Intake(error) => error.into(),
+            MakingError::Storage(error) => error.into(),
+        }
     }
 }
 

@@ -122,17 +122,32 @@ impl Edit {
     /// What it does, as an entry of the history.
     #[must_use]
     pub fn title(&self, network: &Network) -> String {
-        let path = |id: &ImageId| network.images.get(id).map_or("an image", |i| i.file.path.as_str());
+        let path = |id: &ImageId| {
+            network
+                .images
+                .get(id)
+                .map_or("an image", |i| i.file.path.as_str())
+        };
         match self {
-            Edit::Label { image, point, .. } => format!("label {} in {}", network.label(*point), path(image)),
+            Edit::Label { image, point, .. } => {
+                format!("label {} in {}", network.label(*point), path(image))
+            }
             Edit::Unlabel { image, .. } => format!("take a label away in {}", path(image)),
             Edit::Reject { image, .. } => format!("reject a dot in {}", path(image)),
             Edit::Restore { image, .. } => format!("restore a dot in {}", path(image)),
-            Edit::Renumber { image, id, .. } => format!("renumber a code to {id} in {}", path(image)),
+            Edit::Renumber { image, id, .. } => {
+                format!("renumber a code to {id} in {}", path(image))
+            }
             Edit::SetAside { image, .. } => format!("set a code aside in {}", path(image)),
             Edit::AddDot { image, .. } => format!("measure a dot by hand in {}", path(image)),
-            Edit::UseImage { image, usage: ImageUse::Used } => format!("use {}", path(image)),
-            Edit::UseImage { image, usage: ImageUse::Excluded } => format!("exclude {}", path(image)),
+            Edit::UseImage {
+                image,
+                usage: ImageUse::Used,
+            } => format!("use {}", path(image)),
+            Edit::UseImage {
+                image,
+                usage: ImageUse::Excluded,
+            } => format!("exclude {}", path(image)),
             Edit::Settings(_) => "change settings".into(),
         }
     }
@@ -151,7 +166,9 @@ impl Edit {
                 labelled(network, *image, *dot)?;
                 Arc::make_mut(&mut network.image_mut(*image).labels).remove(dot);
             }
-            Edit::Reject { image, dot } => decide(network, *image, *dot, Some(REJECTED_BY_OPERATOR))?,
+            Edit::Reject { image, dot } => {
+                decide(network, *image, *dot, Some(REJECTED_BY_OPERATOR))?
+            }
             Edit::Restore { image, dot } => decide(network, *image, *dot, None)?,
             Edit::Renumber { image, reading, id } => renumber(network, *image, *reading, *id)?,
             Edit::SetAside { image, reading } => set_aside(network, *image, *reading)?,
@@ -175,12 +192,19 @@ impl Edit {
 }
 
 fn path_of(network: &Network, image: ImageId) -> Result<String, EditError> {
-    network.images.get(&image).map(|i| i.file.path.clone()).ok_or(EditError::NoImage)
+    network
+        .images
+        .get(&image)
+        .map(|i| i.file.path.clone())
+        .ok_or(EditError::NoImage)
 }
 
 fn existing_dot(network: &Network, image: ImageId, dot: DotIndex) -> Result<(), EditError> {
     let path = path_of(network, image)?;
-    let found = network.images[&image].detections.as_ref().is_some_and(|d| dot.slot() < d.dots.len());
+    let found = network.images[&image]
+        .detections
+        .as_ref()
+        .is_some_and(|d| dot.slot() < d.dots.len());
     found.then_some(()).ok_or(EditError::NoDot { image: path })
 }
 
@@ -188,14 +212,23 @@ fn labelled(network: &Network, image: ImageId, dot: DotIndex) -> Result<(), Edit
     existing_dot(network, image, dot)?;
     let path = path_of(network, image)?;
     let found = network.images[&image].labels.contains_key(&dot);
-    found.then_some(()).ok_or(EditError::NoLabel { image: path })
+    found
+        .then_some(())
+        .ok_or(EditError::NoLabel { image: path })
 }
 
 /// Names a dot; another dot of the image that carried this name loses it, for a point has one image in a picture.
 fn name(network: &mut Network, image: ImageId, dot: DotIndex, point: PointId) {
     let labels = Arc::make_mut(&mut network.image_mut(image).labels);
     labels.retain(|other, label| *other == dot || label.point != point);
-    labels.insert(dot, Label { point, source: Source::Operator, rejected: None });
+    labels.insert(
+        dot,
+        Label {
+            point,
+            source: Source::Operator,
+            rejected: None,
+        },
+    );
 }
 
 fn decide(
@@ -213,10 +246,18 @@ fn decide(
     Ok(())
 }
 
-fn renumber(network: &mut Network, image: ImageId, reading: usize, id: u32) -> Result<(), EditError> {
+fn renumber(
+    network: &mut Network,
+    image: ImageId,
+    reading: usize,
+    id: u32,
+) -> Result<(), EditError> {
     let path = path_of(network, image)?;
     let detections = network.images[&image].detections.clone();
-    let code = detections.as_ref().and_then(|d| d.codes.get(reading)).ok_or(EditError::NoReading { image: path })?;
+    let code = detections
+        .as_ref()
+        .and_then(|d| d.codes.get(reading))
+        .ok_or(EditError::NoReading { image: path })?;
     let largest = code.family.code_count();
     if !(1..=largest).contains(&id) {
         return Err(EditError::NoSuchCode { found: id, largest });
@@ -231,10 +272,14 @@ fn renumber(network: &mut Network, image: ImageId, reading: usize, id: u32) -> R
 fn set_aside(network: &mut Network, image: ImageId, reading: usize) -> Result<(), EditError> {
     let path = path_of(network, image)?;
     let detections = network.images[&image].detections.clone();
-    let code = detections.as_ref().and_then(|d| d.codes.get(reading)).ok_or(EditError::NoReading { image: path })?;
+    let code = detections
+        .as_ref()
+        .and_then(|d| d.codes.get(reading))
+        .ok_or(EditError::NoReading { image: path })?;
     let points = PointId::of_code(code.family, code.id);
     let entry = network.image_mut(image);
-    Arc::make_mut(&mut entry.labels).retain(|dot, label| !(code.dots.contains(dot) && points.contains(&label.point)));
+    Arc::make_mut(&mut entry.labels)
+        .retain(|dot, label| !(code.dots.contains(dot) && points.contains(&label.point)));
     Arc::make_mut(&mut entry.set_aside).insert(reading, SET_ASIDE_BY_OPERATOR.to_owned());
     Ok(())
 }
@@ -242,7 +287,10 @@ fn set_aside(network: &mut Network, image: ImageId, reading: usize) -> Result<()
 fn add_dot(network: &mut Network, image: ImageId, dot: Dot) -> Result<DotIndex, EditError> {
     let path = path_of(network, image)?;
     let entry = network.image_mut(image);
-    let detections = entry.detections.as_mut().ok_or(EditError::NoDot { image: path })?;
+    let detections = entry
+        .detections
+        .as_mut()
+        .ok_or(EditError::NoDot { image: path })?;
     let detections = Arc::make_mut(detections);
     detections.dots.push(dot);
     let index = DotIndex(detections.dots.len() as u32 - 1);

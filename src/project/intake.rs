@@ -327,7 +327,8 @@ fn expand(paths: &[PathBuf]) -> Result<Vec<PathBuf>, IntakeError> {
     Ok(files)
 }
 
-fn has_image_extension(path: &Path) -> bool {
+/// Whether a file is an image by its name.
+pub(super) fn has_image_extension(path: &Path) -> bool {
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
     extension.is_some_and(|e| IMAGE_EXTENSIONS.contains(&e.as_str()))
 }
@@ -352,7 +353,7 @@ fn examine(path: &Path, folder: &Path) -> Result<Candidate, IntakeError> {
 }
 
 /// Size in bytes and SHA-256 (hexadecimal) of a file.
-fn hash(path: &Path) -> io::Result<(u64, String)> {
+pub(super) fn hash(path: &Path) -> io::Result<(u64, String)> {
     let mut file = File::open(path)?;
     let mut hasher = Sha256::new();
     let mut buffer = vec![0; 1 << 16];
@@ -373,7 +374,7 @@ fn hash(path: &Path) -> io::Result<(u64, String)> {
 }
 
 /// The path relative to the project's folder where the file lies in or beside it, else the absolute one; with slashes.
-fn stored_path(path: &Path, folder: &Path) -> String {
+pub(super) fn stored_path(path: &Path, folder: &Path) -> String {
     let absolute = |p: &Path| fs::canonicalize(p).unwrap_or_else(|_| p.to_owned());
     let (path, folder) = (absolute(path), absolute(folder));
     let common = path

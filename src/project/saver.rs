@@ -386,7 +386,9 @@ impl Target {
         let lines: Vec<JournalLine> = waiting.iter().map(Waiting::line).collect();
         let mut refused = None;
         for end in (1..=waiting.len()).rev() {
-            let Some(network) = waiting[end - 1].network.clone() else { continue };
+            let Some(network) = waiting[end - 1].network.clone() else {
+                continue;
+            };
             match guarded(|| store.save(&network, &lines[..end]).map(drop)) {
                 Ok(()) => {
                     waiting.drain(..end);
@@ -416,12 +418,15 @@ impl Target {
             };
             let newest = waiting.last().and_then(|w| w.network.as_deref());
             let sequence = journal.last().map_or(0, |entry| entry.sequence);
-            journal.extend(waiting.iter().zip(sequence + 1..).map(|(waiting, sequence)| {
-                JournalEntry {
-                    sequence,
-                    line: waiting.line(),
-                }
-            }));
+            journal.extend(
+                waiting
+                    .iter()
+                    .zip(sequence + 1..)
+                    .map(|(waiting, sequence)| JournalEntry {
+                        sequence,
+                        line: waiting.line(),
+                    }),
+            );
             save_as(path, newest.unwrap_or(saved), self.file(), &journal)
         })
     }

@@ -11,9 +11,10 @@ use std::sync::mpsc::channel;
 use super::edit::{Edit, EditError};
 use super::history::{History, HistorySettings, Move};
 use super::intake::picture_path;
+pub use super::saver::Saving;
 use super::saver::{Saver, Target};
 use super::storage::{Opened, StorageError, Store};
-pub use super::saver::Saving;
+use super::whereabouts::{Found, PictureMoves};
 use crate::imaging::{GreyImage, LoadSettings, load_picture};
 use crate::monitor::Monitor;
 use crate::network::{About, Finding, FindingKind, ImageEntry, ImageId, Network, Outcome, Stage};
@@ -324,6 +325,35 @@ impl Session {
         })
     }
 
+    /// Takes over where pictures are now, an edit that can be undone: what was measured in them stays, for the same
+    /// content is the same picture. Quick; only between two steps, as every edit.
+    ///
+    /// # Errors
+    /// None at present: [`Self::saving`] tells those of saving.
+    pub fn move_pictures(&mut self, moves: &PictureMoves) -> Result<Found, StorageError> {
+        let mut network = self.network.as_ref().clone();
+        let mut counts = moves.counts();
+        let (mut taken, mut are_readable) = (0, false);
+        for (&id, found) in &moves.found {
+            let known = network.images.get(&id);
+            if known.is_none_or(|image| image.file.sha256 != found.sha256) {
+                continue;
+            }
+            let image = network.image_mut(id);
+            image.file.path.clone_from(&found.path);
+            are_readable |= image.unreadable.take().is_some();
+            taken += 1;
+        }
+        counts.found = taken;
+        if taken > 0 {
+            // Only a picture that can be read again gives the stages something to do.
+            network.inputs += u64::from(are_readable);
+            let title = format!("pictures found in {}", moves.folder.display());
+            self.adopt(&title, network, None);
+        }
+        Ok(counts)
+    }
+
     /// Begins the next step of a stage; `None` where the stage has none, which concludes it.
     ///
     /// # Errors
@@ -370,11 +400,7 @@ impl Session {
         }
     }
 
-    fn conclude(
-        &mut self,
-        stage: Stage,
-        failure: Option<&crate::stages::StageError>,
-    ) -> Finished {
+    fn conclude(&mut self, stage: Stage, failure: Option<&crate::stages::StageError>) -> Finished {
         let network = stage.conclude(&without_former_findings(&self.network, stage), failure);
         let outcome = network.conclusions[&stage].outcome;
         self.adopt(&format!("{stage}: {outcome}"), network, Some(outcome));

@@ -31,8 +31,8 @@ pub use detect::{DetectSettings, detect};
 pub use detections::{CodeReading, Detections, Dot, DotIndex, Rejected};
 pub use dot::DotSettings;
 pub use dot420::{Dot420Reading, Dot420Settings, read_dot420};
-pub use measure_at::{MeasureAtSettings, centre_by_hand, measure_at};
 pub use family::{
     DOT420_AXES, Family, UnknownFamily, dot420_number, dot420_positions, dot420_table,
     least_rotation, ring_number, ring_table,
 };
+pub use measure_at::{MeasureAtSettings, centre_by_hand, measure_at};

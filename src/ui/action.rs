@@ -1,10 +1,12 @@
 //! What panels ask for; one place applies it after the frame.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use super::app::Command;
 use crate::network::{ImageId, PointId, Stage};
 use crate::project::edit::Edit;
+use crate::project::making::ProjectPlan;
 use crate::targets::DotIndex;
 
 /// What the operator has selected; shared by images, 3D view and tables.
@@ -40,6 +42,10 @@ pub enum Action {
     Open(PathBuf),
     /// Files or folders were dropped on the window.
     Dropped(Vec<PathBuf>),
+    /// Make a project.
+    Make(Box<ProjectPlan>),
+    /// Something that was under way ended with this line for the operator.
+    Say(String),
     /// A dialog of the system answered the open form.
     Chosen(PathBuf),
     /// Save a copy of the project.
@@ -54,6 +60,8 @@ pub enum Action {
     Edit(Edit),
     /// Select something.
     Select(Selection),
+    /// Select these points together; none: let them go.
+    Group(BTreeSet<PointId>),
     /// Select something and bring it into view.
     LookAt(Selection),
 }

@@ -93,17 +93,42 @@ pub fn first_layout(image_panels: usize) -> Tree<Pane> {
     let mut tiles = Tiles::default();
     let mut pane = |pane| tiles.insert_pane(pane);
     let [stages, images] = [Pane::Stages, Pane::Images].map(&mut pane);
-    let pictures: Vec<TileId> = (0..image_panels).map(|place| pane(Pane::Image(place))).collect();
+    let pictures: Vec<TileId> = (0..image_panels)
+        .map(|place| pane(Pane::Image(place)))
+        .collect();
     let network = pane(Pane::Network);
     let beside = [Pane::Inspector, Pane::Frame].map(&mut pane);
-    let lists = [Pane::Findings, Pane::Review, Pane::Tables, Pane::Plots, Pane::Journal].map(&mut pane);
-    let left = shared(&mut tiles, LinearDir::Vertical, &[(stages, 0.45), (images, 0.55)]);
+    let lists = [
+        Pane::Findings,
+        Pane::Review,
+        Pane::Tables,
+        Pane::Plots,
+        Pane::Journal,
+    ]
+    .map(&mut pane);
+    let left = shared(
+        &mut tiles,
+        LinearDir::Vertical,
+        &[(stages, 0.45), (images, 0.55)],
+    );
     let middle = grid(&mut tiles, &pictures);
     let beside = tiles.insert_tab_tile(beside.to_vec());
-    let right = shared(&mut tiles, LinearDir::Vertical, &[(network, 0.6), (beside, 0.4)]);
-    let top = shared(&mut tiles, LinearDir::Horizontal, &[(left, 0.2), (middle, 0.5), (right, 0.3)]);
+    let right = shared(
+        &mut tiles,
+        LinearDir::Vertical,
+        &[(network, 0.6), (beside, 0.4)],
+    );
+    let top = shared(
+        &mut tiles,
+        LinearDir::Horizontal,
+        &[(left, 0.2), (middle, 0.5), (right, 0.3)],
+    );
     let below = tiles.insert_tab_tile(lists.to_vec());
-    let root = shared(&mut tiles, LinearDir::Vertical, &[(top, 0.72), (below, 0.28)]);
+    let root = shared(
+        &mut tiles,
+        LinearDir::Vertical,
+        &[(top, 0.72), (below, 0.28)],
+    );
     Tree::new(egui::Id::unique("tiepoint layout"), root, tiles)
 }
 

@@ -34,7 +34,12 @@ impl Runner {
     /// # Errors
     /// Where the system gives no thread.
     pub fn new(wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
-        Ok(Self { worker: Worker::new("compute", wake)?, now: None, pending: Vec::new(), forgotten: 0 })
+        Ok(Self {
+            worker: Worker::new("compute", wake)?,
+            now: None,
+            pending: Vec::new(),
+            forgotten: 0,
+        })
     }
 
     /// Whether a step is under way.
@@ -46,13 +51,17 @@ impl Runner {
     /// Whether the step under way was asked to stop.
     #[must_use]
     pub fn is_stopping(&self) -> bool {
-        self.now.as_ref().is_some_and(|now| now.monitor.is_interrupted())
+        self.now
+            .as_ref()
+            .is_some_and(|now| now.monitor.is_interrupted())
     }
 
     /// The stage, the step and the progress of what is under way.
     #[must_use]
     pub fn progress(&self) -> Option<(Stage, &str, Progress)> {
-        self.now.as_ref().map(|now| (now.stage, now.title.as_str(), now.monitor.progress()))
+        self.now
+            .as_ref()
+            .map(|now| (now.stage, now.title.as_str(), now.monitor.progress()))
     }
 
     /// Edits that wait for the end of the step.
@@ -116,7 +125,10 @@ impl Runner {
             let Some(now) = self.now.take() else { continue };
             let go_on = match result {
                 Err(fault) => {
-                    lines.push(format!("{}: {fault}. Nothing that was finished is lost.", now.title));
+                    lines.push(format!(
+                        "{}: {fault}. Nothing that was finished is lost.",
+                        now.title
+                    ));
                     false
                 }
                 Ok(computed) => match session.finish(computed) {
@@ -168,7 +180,8 @@ impl Runner {
                         title: run.title().to_owned(),
                         monitor: Arc::clone(&monitor),
                     });
-                    self.worker.start(monitor, move |monitor| run.compute(monitor));
+                    self.worker
+                        .start(monitor, move |monitor| run.compute(monitor));
                     return;
                 }
                 Ok(None) => {

@@ -9,6 +9,7 @@ use eframe::egui;
 
 use super::app::App;
 use crate::commands::DemoRequest;
+use crate::project::recent::state_folder;
 
 /// What the window begins with.
 #[derive(Clone, Debug, Default)]
@@ -63,7 +64,11 @@ const DRIVER_PACKAGES: &str = "mesa-vulkan-drivers, or libegl1 and libgl1-mesa-d
 /// [`WindowError`].
 pub fn open(beginning: Beginning) -> Result<(), WindowError> {
     let displays = ["DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"];
-    if cfg!(target_os = "linux") && displays.iter().all(|name| std::env::var_os(name).is_none_or(|v| v.is_empty())) {
+    if cfg!(target_os = "linux")
+        && displays
+            .iter()
+            .all(|name| std::env::var_os(name).is_none_or(|v| v.is_empty()))
+    {
         return Err(WindowError::NoDisplay);
     }
     let options = eframe::NativeOptions {
@@ -86,7 +91,8 @@ pub fn open(beginning: Beginning) -> Result<(), WindowError> {
             Box::new(move |creation| {
                 flag.store(true, Ordering::SeqCst);
                 put_back(&hook);
-                Ok(Box::new(App::new(creation, beginning)?))
+                let app = App::new(creation, beginning)?;
+                Ok(Box::new(app.remembering(state_folder())))
             }),
         )
     }));
@@ -117,7 +123,9 @@ fn reason(error: &eframe::Error) -> WindowError {
     let said = error.to_string();
     match error {
         // The same error stands for "no display" and for "no library to reach one"; only its text tells.
-        eframe::Error::WinitEventLoop(_) if said.contains("opening library failed") => missing_library(&said),
+        eframe::Error::WinitEventLoop(_) if said.contains("opening library failed") => {
+            missing_library(&said)
+        }
         eframe::Error::WinitEventLoop(_) => WindowError::NoDisplay,
         eframe::Error::Wgpu(_) => WindowError::Missing {
             found: "found no Vulkan or OpenGL driver that draws in a window".into(),
@@ -128,12 +136,18 @@ fn reason(error: &eframe::Error) -> WindowError {
 }
 
 fn missing_library(said: &str) -> WindowError {
-    let known = X_LIBRARIES.iter().find(|(library, _)| said.contains(&format!("{library}.so")));
+    let known = X_LIBRARIES
+        .iter()
+        .find(|(library, _)| said.contains(&format!("{library}.so")));
     match known {
-        Some((library, package)) => {
-            WindowError::Missing { found: format!("found no usable {library}.so"), packages: package }
-        }
-        None => WindowError::Missing { found: one_line(said), packages: X_PACKAGES },
+        Some((library, package)) => WindowError::Missing {
+            found: format!("found no usable {library}.so"),
+            packages: package,
+        },
+        None => WindowError::Missing {
+            found: one_line(said),
+            packages: X_PACKAGES,
+        },
     }
 }
 
@@ -149,10 +163,22 @@ mod tests {
     #[test]
     fn a_missing_library_is_told_by_its_package() {
         for (said, package) in [
-            ("opening library failed (libX11.so.6: cannot open shared object file)", "libx11-6"),
-            ("opening library failed (libX11-xcb.so.1: file too short)", "libx11-xcb1"),
-            ("Library libxkbcommon-x11.so could not be loaded.", "libxkbcommon-x11-0"),
-            ("Library libxkbcommon.so could not be loaded.", "libxkbcommon0"),
+            (
+                "opening library failed (libX11.so.6: cannot open shared object file)",
+                "libx11-6",
+            ),
+            (
+                "opening library failed (libX11-xcb.so.1: file too short)",
+                "libx11-xcb1",
+            ),
+            (
+                "Library libxkbcommon-x11.so could not be loaded.",
+                "libxkbcommon-x11-0",
+            ),
+            (
+                "Library libxkbcommon.so could not be loaded.",
+                "libxkbcommon0",
+            ),
             ("something else\nis missing.", X_PACKAGES),
         ] {
             let line = missing_library(said).to_string();

@@ -41,9 +41,18 @@ impl fmt::Display for Killed {
 
 /// The journal of a project: what was done and how it ended.
 fn journal(folder: &Folder) -> Vec<(String, String)> {
-    let Opened { journal, warnings, .. } = opened(folder);
-    assert_eq!(warnings, Vec::<String>::new(), "a killed window leaves a whole file");
-    journal.into_iter().map(|entry| (entry.line.what, entry.line.outcome)).collect()
+    let Opened {
+        journal, warnings, ..
+    } = opened(folder);
+    assert_eq!(
+        warnings,
+        Vec::<String>::new(),
+        "a killed window leaves a whole file"
+    );
+    journal
+        .into_iter()
+        .map(|entry| (entry.line.what, entry.line.outcome))
+        .collect()
 }
 
 fn opened(folder: &Folder) -> Opened {
@@ -57,7 +66,9 @@ fn fresh(name: &str) -> Folder {
 }
 
 fn points(folder: &Folder) -> String {
-    folder.run(&["export", PROJECT, "--points", "points.csv"]).done();
+    folder
+        .run(&["export", PROJECT, "--points", "points.csv"])
+        .done();
     folder.text("points.csv")
 }
 
@@ -84,11 +95,23 @@ pub(crate) fn kill_in_stages(screen: &Screen, kills: usize, seed: u64) -> Killed
         killed.said += said;
         let after = journal(&folder);
         killed.lost += (before + said).saturating_sub(after.len() as u64);
-        assert_eq!(after, expected.0[..after.len().min(expected.0.len())], "no step is done twice or left out");
+        assert_eq!(
+            after,
+            expected.0[..after.len().min(expected.0.len())],
+            "no step is done twice or left out"
+        );
         if after.len() == expected.0.len() || killed.in_stages == kills {
             folder.run(&["run", PROJECT]).done();
-            assert_eq!(journal(&folder), expected.0, "no step is done twice or left out");
-            assert_eq!(points(&folder), expected.1, "the result does not know of the kills");
+            assert_eq!(
+                journal(&folder),
+                expected.0,
+                "no step is done twice or left out"
+            );
+            assert_eq!(
+                points(&folder),
+                expected.1,
+                "the result does not know of the kills"
+            );
             killed.measured += 1;
             folder = fresh("killed");
         }

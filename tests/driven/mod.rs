@@ -33,15 +33,29 @@ impl Screen {
             return Err("found no xdotool".into());
         }
         let mut server = Command::new("Xvfb")
-            .args(["-displayfd", "1", "-screen", "0", "1600x1000x24", "-nolisten", "tcp"])
+            .args([
+                "-displayfd",
+                "1",
+                "-screen",
+                "0",
+                "1600x1000x24",
+                "-nolisten",
+                "tcp",
+            ])
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .spawn()
             .map_err(|e| format!("found no Xvfb: {e}"))?;
         let mut number = String::new();
-        let told = server.stdout.take().map(|out| BufReader::new(out).read_line(&mut number));
-        let screen = Self { server, name: format!(":{}", number.trim()) };
+        let told = server
+            .stdout
+            .take()
+            .map(|out| BufReader::new(out).read_line(&mut number));
+        let screen = Self {
+            server,
+            name: format!(":{}", number.trim()),
+        };
         match told {
             Some(Ok(length)) if length > 0 => Ok(screen),
             _ => Err("Xvfb does not start".into()),
@@ -55,7 +69,10 @@ impl Screen {
             .stdin(Stdio::null())
             .output()
             .expect("xdotool was there before");
-        output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
+        output
+            .status
+            .success()
+            .then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
     }
 
     /// Opens the window on a project in its folder.
@@ -72,14 +89,30 @@ impl Screen {
             .stderr(Stdio::null())
             .spawn()
             .expect("the program starts");
-        let mut window = Window { screen: self, program, id: String::new() };
+        let mut window = Window {
+            screen: self,
+            program,
+            id: String::new(),
+        };
         window.wait("a window", |window| {
-            let found = window.screen.xdotool(&["search", "--onlyvisible", "--name", "Tiepoint"]);
-            window.id = found.unwrap_or_default().lines().next().unwrap_or_default().to_owned();
+            let found = window
+                .screen
+                .xdotool(&["search", "--onlyvisible", "--name", "Tiepoint"]);
+            window.id = found
+                .unwrap_or_default()
+                .lines()
+                .next()
+                .unwrap_or_default()
+                .to_owned();
             !window.id.is_empty()
         });
         let id = window.id.clone();
-        window.wait("the keyboard", |window| window.screen.xdotool(&["windowfocus", "--sync", &id]).is_some());
+        window.wait("the keyboard", |window| {
+            window
+                .screen
+                .xdotool(&["windowfocus", "--sync", &id])
+                .is_some()
+        });
         window.wait("the project", |window| window.title().starts_with(project));
         window
     }
@@ -101,13 +134,17 @@ impl Drop for Window<'_> {
 impl Window<'_> {
     /// What its frame says.
     pub(crate) fn title(&self) -> String {
-        self.screen.xdotool(&["getwindowname", &self.id]).unwrap_or_default()
+        self.screen
+            .xdotool(&["getwindowname", &self.id])
+            .unwrap_or_default()
     }
 
     /// How many steps and edits it says to be on the disk.
     pub(crate) fn saved(&self) -> u64 {
         let title = self.title();
-        let figure = title.split(" - ").find_map(|part| part.strip_suffix(" saved")?.parse().ok());
+        let figure = title
+            .split(" - ")
+            .find_map(|part| part.strip_suffix(" saved")?.parse().ok());
         figure.unwrap_or(0)
     }
 
@@ -125,7 +162,13 @@ impl Window<'_> {
 
     /// Moves the pointer to a place of the window.
     pub(crate) fn point_at(&self, x: u32, y: u32) {
-        self.screen.xdotool(&["mousemove", "--window", &self.id, &x.to_string(), &y.to_string()]);
+        self.screen.xdotool(&[
+            "mousemove",
+            "--window",
+            &self.id,
+            &x.to_string(),
+            &y.to_string(),
+        ]);
     }
 
     /// Waits until something holds.
@@ -137,7 +180,10 @@ impl Window<'_> {
                 panic!("the program ended ({status}) while {what} was waited for");
             }
             let title = self.title();
-            assert!(begun.elapsed() < PATIENCE, "waited for {what}, the window says: {title}");
+            assert!(
+                begun.elapsed() < PATIENCE,
+                "waited for {what}, the window says: {title}"
+            );
             sleep(PAUSE);
         }
     }

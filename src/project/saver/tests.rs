@@ -83,14 +83,24 @@ fn nobody_waits_for_a_disk_that_does_not_answer_and_every_line_is_kept() {
     session.undo().unwrap();
     // All of it is in the document, none of it on the disk.
     assert_eq!(session.saving(), Saving::Behind { steps: 6 });
-    assert_eq!(session.network().points[&PointId::Target(1)].position.x, 4.0);
+    assert_eq!(
+        session.network().points[&PointId::Target(1)].position.x,
+        4.0
+    );
     assert!(on_disk(&folder.project()).0 == Network::default());
     other.execute_batch("ROLLBACK").unwrap();
     session.flush().unwrap();
     assert_eq!(session.saving(), Saving::Saved);
     let (network, told) = on_disk(&folder.project());
     assert!(network == **session.network());
-    let expected = ["step 1", "step 2", "step 3", "step 4", "step 5", "undo: step 5"];
+    let expected = [
+        "step 1",
+        "step 2",
+        "step 3",
+        "step 4",
+        "step 5",
+        "undo: step 5",
+    ];
     assert_eq!(told, expected);
     // What was under way when the disk stopped, and all the rest at once.
     assert!((1..=2).contains(&count_saves(&other)));
@@ -114,7 +124,10 @@ fn a_failure_is_told_and_tried_again() {
     assert_eq!(session.saving(), Saving::Failed(error.to_string()));
     put(&mut session, "second", 3.0);
     assert!(session.flush().is_err());
-    assert_eq!(session.network().points[&PointId::Target(1)].position.x, 3.0);
+    assert_eq!(
+        session.network().points[&PointId::Target(1)].position.x,
+        3.0
+    );
     assert_eq!(on_disk(&folder.project()).1, ["saved"]);
     foreign("- 7");
     session.flush().unwrap();
@@ -144,7 +157,14 @@ fn what_cannot_be_stored_does_not_take_older_steps_with_it() {
     session.undo().unwrap();
     session.flush().unwrap();
     let told = on_disk(&folder.project()).1;
-    let expected = ["under way", "good", "bad", "bad too", "undo: bad too", "undo: bad"];
+    let expected = [
+        "under way",
+        "good",
+        "bad",
+        "bad too",
+        "undo: bad too",
+        "undo: bad",
+    ];
     assert_eq!(told, expected);
 }
 
@@ -177,7 +197,10 @@ fn a_project_that_cannot_be_saved_can_be_copied_as_it_is() {
     let mut session = folder.session();
     put(&mut session, "saved", 1.0);
     session.flush().unwrap();
-    folder.other().execute_batch("UPDATE saves SET count = 99").unwrap();
+    folder
+        .other()
+        .execute_batch("UPDATE saves SET count = 99")
+        .unwrap();
     put(&mut session, "not saved", 2.0);
     assert!(session.flush().is_err());
     let copy = folder.0.join("copy.tiepoint");
@@ -188,7 +211,10 @@ fn a_project_that_cannot_be_saved_can_be_copied_as_it_is() {
     assert!(network == **session.network());
     assert_eq!(lines, ["saved", "not saved"]);
     let again = session.save_copy(&copy);
-    assert!(matches!(again, Err(StorageError::Exists { .. })), "{again:?}");
+    assert!(
+        matches!(again, Err(StorageError::Exists { .. })),
+        "{again:?}"
+    );
 }
 
 #[test]
@@ -233,7 +259,10 @@ fn the_window_is_woken_when_all_is_saved() {
 #[test]
 fn a_panic_is_an_error() {
     let error = guarded(|| panic!("on purpose")).unwrap_err();
-    assert_eq!(error.to_string(), "a fault of this program while saving: on purpose");
+    assert_eq!(
+        error.to_string(),
+        "a fault of this program while saving: on purpose"
+    );
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Actions: every way to change anything ends here.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use egui::{Context, Theme};
 
@@ -25,9 +26,11 @@ impl App {
         match action {
             Action::Do(command) => self.command(command, context),
             Action::Open(path) => self.open(&path),
-            Action::Dropped(paths) => self.forms.dropped(&mut self.loader, paths),
-            Action::Chosen(path) => self.forms.chosen(path),
-            Action::SaveCopy(path) => self.save_copy(&path),
+            Action::Dropped(paths) => self.loader.propose(paths),
+            Action::Make(plan) => self.loader.make(*plan),
+            Action::Chosen(path) => self.forms.chosen(&path),
+            Action::SaveCopy(path) => self.save_copy(&path, context),
+            Action::Say(line) => self.say(line),
             Action::FindPictures(folder) => self.find_pictures(folder),
             Action::Run(request) => self.run(request),
             Action::Interrupt => self.interrupt(),
@@ -39,6 +42,7 @@ impl App {
                 }
             }
             Action::Select(selection) => self.select(selection),
+            Action::Group(points) => self.group = Arc::new(points),
             Action::LookAt(selection) => {
                 self.look_at(&selection);
                 self.select(selection);
@@ -99,7 +103,9 @@ impl App {
         let history = self.session().map(Session::history);
         let open = self.document.is_some();
         match command {
-            Command::Step | Command::RunStage | Command::RunAll => open && !self.runner.is_running(),
+            Command::Step | Command::RunStage | Command::RunAll => {
+                open && !self.runner.is_running()
+            }
             Command::Interrupt => !self.is_idle(),
             Command::Undo => {
                 let waits = !self.runner.pending().is_empty();
@@ -135,7 +141,10 @@ impl App {
     fn undo(&mut self) {
         match self.runner.take_back_pending() {
             Some(edit) => {
-                let line = format!("Taken back before it was made: {}.", edit.title(self.network()));
+                let line = format!(
+                    "Taken back before it was made: {}.",
+                    edit.title(self.network())
+                );
                 self.say(line);
             }
             None => self.move_in_history(Session::undo, "Taken back"),
@@ -163,11 +172,15 @@ impl App {
     }
 
     fn open(&mut self, path: &Path) {
-        if self.document.as_ref().is_some_and(|document| document.project == path) {
+        if self
+            .document
+            .as_ref()
+            .is_some_and(|document| document.project == path)
+        {
             self.say(format!("{} is open.", path.display()));
             return;
         }
-        self.loader.open(path, Then::Wait);
+        self.loader.open(path);
     }
 
     /// Renders the demo and measures it.
@@ -181,18 +194,55 @@ impl App {
     fn close(&mut self) {
         self.runner.forget();
         self.clear_image_panels();
+        self.missing.clear();
+        self.moves = None;
         self.selection = Selection::default();
+        self.group = Arc::default();
         if let Some(document) = self.document.take() {
             self.loader.close(document.session);
+            self.loader.recall();
         }
     }
 
-    fn save_copy(&mut self, path: &Path) {
+    /// Writes a copy on the saving thread; its answer comes like that of a dialog.
+    fn save_copy(&mut self, path: &Path, context: &Context) {
         let Some(document) = &self.document else {
             return;
         };
-        let line = match document.session.save_copy(path) {
-            Ok(()) => format!("A copy is at {}.", path.display()),
+        let (ask, context, target) = (self.ask.clone(), context.clone(), path.to_owned());
+        document.session.copy_request(path, move |copied| {
+            let line = match copied {
+                Ok(()) => format!("A copy is at {}.", target.display()),
+                Err(error) => error.to_string(),
+            };
+            if ask.send(Action::Say(line)).is_ok() {
+                context.request_repaint();
+            }
+        });
+    }
+
+    fn find_pictures(&mut self, folder: PathBuf) {
+        if let Some(document) = &self.document {
+            let network = Arc::clone(document.session.network());
+            self.loader
+                .find_pictures(network, &document.project, folder);
+        }
+    }
+
+    /// Takes over where pictures were found; between two steps, as every edit.
+    pub(super) fn move_pictures(&mut self) {
+        if self.runner.is_running() {
+            return;
+        }
+        let (Some(document), Some(moves)) = (&mut self.document, self.moves.take()) else {
+            return;
+        };
+        let line = match document.session.move_pictures(&moves) {
+            Ok(counts) => {
+                self.missing.retain(|id| !moves.found.contains_key(id));
+                self.pictures.set_folder(&folder_of(&document.project));
+                format!("{counts}.")
+            }
             Err(error) => error.to_string(),
         };
         self.say(line);
@@ -205,23 +255,47 @@ impl App {
                 Err(line) => self.say(line),
                 Ok(Loaded::Line(line)) if line.is_empty() => {}
                 Ok(Loaded::Line(line)) => self.say(line),
-                Ok(Loaded::Project { session, path, then }) => {
-                    self.close();
-                    let mut lines = session.warnings().to_vec();
-                    lines.push(format!("{} is open.", path.display()));
-                    self.pictures.set_folder(&folder_of(&path));
-                    self.document = Some(Document { session: *session, project: path });
-                    self.fill_image_panels();
-                    self.panels.network.fit();
-                    for line in lines {
-                        self.say(line);
+                Ok(Loaded::Recent(projects)) => self.start.recent = projects,
+                Ok(Loaded::Moves(moves)) => self.moves = Some(moves),
+                Ok(Loaded::Proposal(proposal)) => {
+                    if let Some(action) = self.forms.take(proposal) {
+                        self.apply(action, context);
                     }
+                }
+                Ok(Loaded::Project {
+                    session,
+                    path,
+                    missing,
+                    then,
+                }) => {
+                    self.adopt(*session, path, context);
+                    self.missing = missing;
                     if then == Then::Measure {
                         self.run_all(context);
                     }
                 }
             }
             context.request_repaint();
+        }
+    }
+
+    /// Makes a session the document of the window.
+    fn adopt(&mut self, mut session: Session, path: PathBuf, context: &Context) {
+        self.close();
+        self.forms.close();
+        let waking = context.clone();
+        session.on_saved(move || waking.request_repaint());
+        let mut lines = session.warnings().to_vec();
+        lines.push(format!("{} is open.", path.display()));
+        self.pictures.set_folder(&folder_of(&path));
+        self.document = Some(Document {
+            session,
+            project: path,
+        });
+        self.fill_image_panels();
+        self.panels.network.fit();
+        for line in lines {
+            self.say(line);
         }
     }
 }

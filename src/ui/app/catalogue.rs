@@ -194,7 +194,11 @@ pub(super) struct ViewKey {
 }
 
 const fn view_key(place: &'static str, keys: &'static str, meaning: &'static str) -> ViewKey {
-    ViewKey { place, keys, meaning }
+    ViewKey {
+        place,
+        keys,
+        meaning,
+    }
 }
 
 const IMAGE: &str = "Image, under the pointer";
@@ -202,16 +206,28 @@ const NETWORK: &str = "3D view, under the pointer";
 const REVIEW: &str = "Review";
 
 /// Keys that views take while the pointer is over them, or while they are in front.
-pub(super) const VIEW_KEYS: [ViewKey; 23] = [
+pub(super) const VIEW_KEYS: [ViewKey; 24] = [
     view_key(IMAGE, "wheel", "zoom at the pointer"),
     view_key(IMAGE, "drag", "move the picture"),
-    view_key(IMAGE, "W + drag, right drag", "window and level (contrast and brightness)"),
+    view_key(
+        IMAGE,
+        "W + drag, right drag",
+        "window and level (contrast and brightness)",
+    ),
     view_key(IMAGE, "0", "automatic contrast"),
     view_key(IMAGE, "F", "whole picture"),
     view_key(IMAGE, "1", "one to one"),
     view_key(IMAGE, "Z", "loupe"),
-    view_key(IMAGE, "L", "name the dot: list by predicted distance, Enter takes the first"),
-    view_key(IMAGE, "A", "measure where the target was missed, or at the next click"),
+    view_key(
+        IMAGE,
+        "L",
+        "name the dot: list by predicted distance, Enter takes the first",
+    ),
+    view_key(
+        IMAGE,
+        "A",
+        "measure where the target was missed, or at the next click",
+    ),
     view_key(IMAGE, "X", "reject the dot"),
     view_key(IMAGE, "R", "restore the dot"),
     view_key(IMAGE, "Delete", "take the name away"),
@@ -219,13 +235,18 @@ pub(super) const VIEW_KEYS: [ViewKey; 23] = [
     view_key(NETWORK, "drag", "turn"),
     view_key(NETWORK, "Shift + drag, middle drag", "move"),
     view_key(NETWORK, "wheel, + and -", "zoom at the pointer"),
+    view_key(NETWORK, "B + drag", "select all points within a box"),
     view_key(NETWORK, "F", "fit"),
     view_key(NETWORK, "arrows", "turn"),
     view_key(REVIEW, "Space", "accept"),
     view_key(REVIEW, "X", "reject"),
     view_key(REVIEW, "N", "next, decide later"),
     view_key(REVIEW, "Backspace", "back"),
-    view_key("Everywhere", "Ctrl + plus, minus, 0", "larger, smaller, usual size"),
+    view_key(
+        "Everywhere",
+        "Ctrl + plus, minus, 0",
+        "larger, smaller, usual size",
+    ),
 ];
 
 #[cfg(test)]
@@ -238,7 +259,10 @@ mod tests {
             for second in &Command::ALL[place + 1..] {
                 assert_ne!(first.title(), second.title());
                 let keys = (first.shortcut(), second.shortcut());
-                assert!(keys.0.is_none() || keys.0 != keys.1, "{first:?} and {second:?}");
+                assert!(
+                    keys.0.is_none() || keys.0 != keys.1,
+                    "{first:?} and {second:?}"
+                );
             }
         }
     }

@@ -1,117 +1,307 @@
-//! Forms that ask for paths: no frame waits for them, and every one has a field to type into, because the dialogs of a
-//! system may be missing.
+//! Forms that ask for paths and for what a project is made of: no frame waits for them, and every one has a field to
+//! type into, because the dialogs of a system may be missing.
 
 use std::path::{Path, PathBuf};
 
-use egui::{Align2, Context, TextEdit, Ui, Window, vec2};
+use egui::{Align2, Context, Grid, Key, TextEdit, Ui, Window, vec2};
 
 use super::App;
-use super::loader::Loader;
+use crate::project::making::ProjectPlan;
+use crate::project::proposal::{NewProject, Proposal};
+use crate::targets::Family;
 use crate::ui::action::Action;
+use crate::ui::theme;
 use crate::worker::apart;
 
-/// What is asked for.
-#[derive(Clone, Debug, PartialEq, Eq)]
-enum Form {
-    Open,
+/// A question that one path answers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Ask {
+    /// Which project to open.
+    Project,
+    /// Where the images of a new project are.
+    Images,
+    /// Where to write a copy.
     Copy,
+    /// Where missing pictures may be.
     Pictures,
+}
+
+impl Ask {
+    fn title(self) -> &'static str {
+        match self {
+            Ask::Project => "Open a project",
+            Ask::Images => "New project: folder of images",
+            Ask::Copy => "Save a copy",
+            Ask::Pictures => "Find pictures",
+        }
+    }
+
+    fn button(self) -> &'static str {
+        match self {
+            Ask::Project => "Open",
+            Ask::Images => "Next",
+            Ask::Copy => "Save",
+            Ask::Pictures => "Look there",
+        }
+    }
+
+    fn action(self, path: PathBuf) -> Action {
+        match self {
+            Ask::Project => Action::Open(path),
+            Ask::Images => Action::Dropped(vec![path]),
+            Ask::Copy => Action::SaveCopy(path),
+            Ask::Pictures => Action::FindPictures(path),
+        }
+    }
 }
 
 /// The open form.
 #[derive(Default)]
+enum Form {
+    #[default]
+    None,
+    Path {
+        ask: Ask,
+        path: String,
+    },
+    New(Box<NewForm>),
+}
+
+/// What a new project is made of, as typed.
+struct NewForm {
+    project: String,
+    images: Vec<PathBuf>,
+    cameras: Vec<PathBuf>,
+    /// Names and paths of the other files, empty where there is none.
+    files: [(&'static str, String); 4],
+    families: Vec<Family>,
+    projects_there: Vec<PathBuf>,
+    not_used: Vec<PathBuf>,
+}
+
+impl NewForm {
+    fn of(proposal: NewProject) -> Self {
+        let NewProject {
+            plan,
+            projects_there,
+            not_used,
+        } = proposal;
+        let text = |path: Option<PathBuf>| {
+            path.map_or_else(String::new, |path| path.display().to_string())
+        };
+        Self {
+            project: plan.project.display().to_string(),
+            images: plan.images,
+            cameras: plan.cameras,
+            files: [
+                ("Sizes of targets", text(plan.targets)),
+                ("Reference cross", text(plan.cross)),
+                ("Scale bars", text(plan.bars)),
+                ("Control points", text(plan.control)),
+            ],
+            families: plan.families,
+            projects_there,
+            not_used,
+        }
+    }
+
+    fn plan(&self) -> ProjectPlan {
+        let path = |text: &str| {
+            Some(text.trim())
+                .filter(|text| !text.is_empty())
+                .map(PathBuf::from)
+        };
+        let [targets, cross, bars, control] = self.files.each_ref().map(|(_, text)| path(text));
+        ProjectPlan {
+            project: PathBuf::from(self.project.trim()),
+            images: self.images.clone(),
+            cameras: self.cameras.clone(),
+            targets,
+            cross,
+            bars,
+            control,
+            families: self.families.clone(),
+        }
+    }
+
+    /// Draws it; the plan when it is to be made.
+    fn ui(&mut self, ui: &mut Ui, actions: &mut Vec<Action>) -> Option<ProjectPlan> {
+        for path in &self.projects_there {
+            ui.horizontal(|ui| {
+                ui.colored_label(theme::DOUBTFUL, "There is a project already:");
+                if ui.link(path.display().to_string()).clicked() {
+                    actions.push(Action::Open(path.clone()));
+                }
+            });
+        }
+        Grid::new("new project").num_columns(2).show(ui, |ui| {
+            field(ui, "Project file", &mut self.project);
+            ui.label("Images");
+            ui.label(self.images.len().to_string());
+            ui.end_row();
+            ui.label("Cameras");
+            let cameras: Vec<String> = self
+                .cameras
+                .iter()
+                .map(|path| path.display().to_string())
+                .collect();
+            ui.label(if cameras.is_empty() {
+                "from EXIF data, else estimated".into()
+            } else {
+                cameras.join(", ")
+            });
+            ui.end_row();
+            for (name, text) in &mut self.files {
+                field(ui, name, text);
+            }
+        });
+        ui.horizontal_wrapped(|ui| {
+            ui.label("Codes");
+            for family in Family::ALL {
+                let mut sought = self.families.contains(&family);
+                if ui.checkbox(&mut sought, family.to_string()).changed() {
+                    self.families.retain(|other| *other != family);
+                    if sought {
+                        self.families.push(family);
+                    }
+                }
+            }
+        });
+        if !self.not_used.is_empty() {
+            let names: Vec<String> = self
+                .not_used
+                .iter()
+                .map(|path| path.display().to_string())
+                .collect();
+            ui.weak(format!("Not used: {}", names.join(", ")));
+        }
+        let ready = !self.project.trim().is_empty() && !self.images.is_empty();
+        let made = ui
+            .add_enabled(ready, egui::Button::new("Make the project"))
+            .clicked();
+        made.then(|| self.plan())
+    }
+}
+
+fn field(ui: &mut Ui, name: &str, text: &mut String) {
+    let label = ui.label(name);
+    ui.add(TextEdit::singleline(text).desired_width(420.0))
+        .labelled_by(label.id);
+    ui.end_row();
+}
+
+/// The forms' state.
+#[derive(Default)]
 pub(super) struct Forms {
-    open: Option<Form>,
-    path: String,
+    form: Form,
+    /// Whether the field was just opened: then it takes the keyboard.
+    fresh: bool,
 }
 
 impl Forms {
     pub(super) fn is_open(&self) -> bool {
-        self.open.is_some()
+        !matches!(self.form, Form::None)
     }
 
     pub(super) fn close(&mut self) {
-        self.open = None;
+        self.form = Form::None;
     }
 
-    pub(super) fn ask_new(&mut self) {}
+    pub(super) fn ask_new(&mut self) {
+        self.ask(Ask::Images, String::new());
+    }
 
     pub(super) fn ask_open(&mut self) {
-        self.ask(Form::Open, String::new());
+        self.ask(Ask::Project, String::new());
     }
 
     pub(super) fn ask_copy(&mut self, project: &Path) {
-        let copy = project.with_file_name("copy.tiepoint");
-        self.ask(Form::Copy, copy.display().to_string());
+        let name = project.file_stem().unwrap_or_default().to_string_lossy();
+        let copy = project.with_file_name(format!("{name}-copy.tiepoint"));
+        self.ask(Ask::Copy, copy.display().to_string());
     }
 
     pub(super) fn ask_pictures(&mut self) {
-        self.ask(Form::Pictures, String::new());
+        self.ask(Ask::Pictures, String::new());
     }
 
-    fn ask(&mut self, form: Form, path: String) {
-        *self = Self { open: Some(form), path };
-    }
-
-    pub(super) fn chosen(&mut self, path: PathBuf) {
-        self.path = path.display().to_string();
-    }
-
-    pub(super) fn dropped(&mut self, _loader: &mut Loader, _paths: Vec<PathBuf>) {}
-}
-
-impl App {
-    pub(super) fn find_pictures(&mut self, _folder: PathBuf) {}
-
-    pub(super) fn forms_window(&mut self, context: &Context, actions: &mut Vec<Action>) {
-        let Some(form) = self.forms.open.clone() else { return };
-        let (title, button) = match form {
-            Form::Open => ("Open a project", "Open"),
-            Form::Copy => ("Save a copy", "Save"),
-            Form::Pictures => ("Find pictures", "Look there"),
+    fn ask(&mut self, ask: Ask, path: String) {
+        *self = Self {
+            form: Form::Path { ask, path },
+            fresh: true,
         };
-        let mut answered = None;
-        Window::new(title)
-            .anchor(Align2::CENTER_CENTER, vec2(0.0, 0.0))
-            .collapsible(false)
-            .show(context, |ui| answered = self.path_field(ui, &form, button));
-        if let Some(path) = answered {
-            self.forms.close();
-            actions.push(match form {
-                Form::Open => Action::Open(path),
-                Form::Copy => Action::SaveCopy(path),
-                Form::Pictures => Action::FindPictures(path),
-            });
+    }
+
+    /// A dialog of the system answered.
+    pub(super) fn chosen(&mut self, chosen: &Path) {
+        if let Form::Path { path, .. } = &mut self.form {
+            *path = chosen.display().to_string();
         }
     }
 
-    fn path_field(&mut self, ui: &mut Ui, form: &Form, button: &str) -> Option<PathBuf> {
-        let label = ui.label("Path");
-        let field = ui.add(TextEdit::singleline(&mut self.forms.path).desired_width(420.0)).labelled_by(label.id);
-        let entered = field.lost_focus() && ui.input(|input| input.key_pressed(egui::Key::Enter));
-        ui.horizontal(|ui| {
-            if ui.button("Browse ...").clicked() {
-                self.browse(form, ui.ctx());
+    /// What became of files that were dropped or named: the operator looks at it before anything is made.
+    pub(super) fn take(&mut self, proposal: Proposal) -> Option<Action> {
+        match proposal {
+            Proposal::Open(path) => return Some(Action::Open(path)),
+            Proposal::New(project) => self.form = Form::New(Box::new(NewForm::of(*project))),
+            Proposal::Nothing(line) => return Some(Action::Say(line)),
+        }
+        None
+    }
+}
+
+impl App {
+    pub(super) fn forms_window(&mut self, context: &Context, actions: &mut Vec<Action>) {
+        let window = |title: &str| {
+            Window::new(title.to_owned())
+                .anchor(Align2::CENTER_CENTER, vec2(0.0, 0.0))
+                .collapsible(false)
+        };
+        let mut done = Done::No;
+        match &mut self.forms.form {
+            Form::None => return,
+            Form::New(form) => {
+                window("New project").show(context, |ui| {
+                    if let Some(plan) = form.ui(ui, actions) {
+                        done = Done::With(Action::Make(Box::new(plan)));
+                    }
+                    if ui.button("Cancel").clicked() {
+                        done = Done::Without;
+                    }
+                });
             }
-            let clicked = ui.button(button).clicked();
-            if ui.button("Cancel").clicked() {
+            Form::Path { ask, path } => {
+                let (ask, fresh) = (*ask, std::mem::take(&mut self.forms.fresh));
+                let mut browse = false;
+                window(ask.title()).show(context, |ui| {
+                    done = path_field(ui, ask, path, fresh, &mut browse);
+                });
+                if browse {
+                    self.browse(ask, context);
+                }
+            }
+        }
+        match done {
+            Done::No => {}
+            Done::Without => self.forms.close(),
+            Done::With(action) => {
                 self.forms.close();
+                actions.push(action);
             }
-            let path = self.forms.path.trim();
-            ((clicked || entered) && !path.is_empty()).then(|| PathBuf::from(path))
-        })
-        .inner
+        }
     }
 
     /// Asks by a dialog of the system, on a thread of its own: dialogs may wait, frames may not.
-    fn browse(&mut self, form: &Form, context: &Context) {
-        let (ask, context, form) = (self.ask.clone(), context.clone(), form.clone());
-        let asked = apart("dialog", move || {
+    fn browse(&mut self, asked: Ask, context: &Context) {
+        let (ask, context) = (self.ask.clone(), context.clone());
+        let started = apart("dialog", move || {
             let dialog = rfd::FileDialog::new();
-            let chosen = match form {
-                Form::Open => dialog.add_filter("Tiepoint project", &["tiepoint"]).pick_file(),
-                Form::Copy => dialog.set_file_name("copy.tiepoint").save_file(),
-                Form::Pictures => dialog.pick_folder(),
+            let chosen = match asked {
+                Ask::Project => dialog
+                    .add_filter("Tiepoint project", &["tiepoint"])
+                    .pick_file(),
+                Ask::Copy => dialog.set_file_name("copy.tiepoint").save_file(),
+                Ask::Images | Ask::Pictures => dialog.pick_folder(),
             };
             if let Some(path) = chosen
                 && ask.send(Action::Chosen(path)).is_ok()
@@ -119,8 +309,42 @@ impl App {
                 context.request_repaint();
             }
         });
-        if let Err(error) = asked {
-            self.say(format!("The dialog could not be opened: {error}; type the path instead."));
+        if let Err(error) = started {
+            self.say(format!(
+                "The dialog could not be opened: {error}; type the path instead."
+            ));
         }
     }
+}
+
+/// Whether a form is done with.
+enum Done {
+    No,
+    Without,
+    With(Action),
+}
+
+fn path_field(ui: &mut Ui, ask: Ask, path: &mut String, fresh: bool, browse: &mut bool) -> Done {
+    let label = ui.label("Path");
+    let field = ui
+        .add(TextEdit::singleline(path).desired_width(420.0))
+        .labelled_by(label.id);
+    if fresh {
+        field.request_focus();
+    }
+    let entered = field.lost_focus() && ui.input(|input| input.key_pressed(Key::Enter));
+    ui.horizontal(|ui| {
+        *browse = ui.button("Browse ...").clicked();
+        let clicked = ui.button(ask.button()).clicked();
+        if ui.button("Cancel").clicked() {
+            return Done::Without;
+        }
+        let path = path.trim();
+        if (clicked || entered) && !path.is_empty() {
+            Done::With(ask.action(PathBuf::from(path)))
+        } else {
+            Done::No
+        }
+    })
+    .inner
 }

@@ -6,7 +6,12 @@ use std::sync::Arc;
 
 use crate::commands::{DemoRequest, prepare_demo};
 use crate::monitor::{Monitor, Progress};
-use crate::project::session::Session;
+use crate::network::{ImageId, Network};
+use crate::project::making::{ProjectPlan, make};
+use crate::project::proposal::{Proposal, propose};
+use crate::project::recent::{recent_projects, remember_project};
+use crate::project::session::{Session, folder_of};
+use crate::project::whereabouts::{PictureMoves, pictures_missing, search_folder};
 use crate::worker::{Panicked, Worker};
 
 /// What is done with a project as soon as it is open.
@@ -26,9 +31,17 @@ pub(super) enum Loaded {
         session: Box<Session>,
         /// Its file.
         path: PathBuf,
+        /// Images whose picture is not at its place.
+        missing: Vec<ImageId>,
         /// What is to be done with it.
         then: Then,
     },
+    /// What can be made of files that were dropped or named.
+    Proposal(Proposal),
+    /// Where missing pictures are now.
+    Moves(PictureMoves),
+    /// Projects that were open before, newest first.
+    Recent(Vec<PathBuf>),
     /// Something was done that changes nothing in the window but this line.
     Line(String),
 }
@@ -37,6 +50,8 @@ type Answer = Result<Loaded, String>;
 
 /// The thread and what is under way on it.
 pub(super) struct Loader {
+    /// Where projects that were open are remembered.
+    pub(super) state_folder: Option<PathBuf>,
     worker: Worker<Answer>,
     /// Titles and monitors of what waits or is under way, first the one under way.
     open: std::collections::VecDeque<(String, Arc<Monitor>)>,
@@ -45,6 +60,7 @@ pub(super) struct Loader {
 impl Loader {
     pub(super) fn new(wake: impl Fn() + Send + 'static) -> std::io::Result<Self> {
         Ok(Self {
+            state_folder: None,
             worker: Worker::new("documents", wake)?,
             open: std::collections::VecDeque::new(),
         })
@@ -70,36 +86,89 @@ impl Loader {
     /// The next answer, if there is one; never waits.
     pub(super) fn poll(&mut self) -> Option<Answer> {
         let answer = self.worker.poll()?;
-        let title = self.open.pop_front().map_or_else(String::new, |(title, _)| title);
+        let title = self
+            .open
+            .pop_front()
+            .map_or_else(String::new, |(title, _)| title);
         Some(match answer {
             Ok(answer) => answer,
-            Err(Panicked { message }) => Err(format!("{title}: a fault of this program: {message}")),
+            Err(Panicked { message }) => {
+                Err(format!("{title}: a fault of this program: {message}"))
+            }
         })
     }
 
     /// Does something slow.
-    pub(super) fn start(&mut self, title: impl Into<String>, work: impl FnOnce(&Monitor) -> Answer + Send + 'static) {
+    pub(super) fn start(
+        &mut self,
+        title: impl Into<String>,
+        work: impl FnOnce(&Monitor) -> Answer + Send + 'static,
+    ) {
         let monitor = Arc::new(Monitor::new());
         self.open.push_back((title.into(), Arc::clone(&monitor)));
         self.worker.start(monitor, work);
     }
 
     /// Opens a project.
-    pub(super) fn open(&mut self, path: &Path, then: Then) {
+    pub(super) fn open(&mut self, path: &Path) {
         let path = path.to_owned();
+        let memory = self.state_folder.clone();
         self.start(format!("opening {}", path.display()), move |_| {
             let session = Session::open(&path).map_err(|error| error.to_string())?;
-            Ok(Loaded::Project { session: Box::new(session), path, then })
+            Ok(opened(session, path, Then::Wait, memory.as_deref()))
+        });
+    }
+
+    /// Makes a project and opens it.
+    pub(super) fn make(&mut self, plan: ProjectPlan) {
+        let memory = self.state_folder.clone();
+        self.start(format!("making {}", plan.project.display()), move |_| {
+            let session = make(&plan).map_err(|error| error.to_string())?;
+            Ok(opened(session, plan.project, Then::Wait, memory.as_deref()))
         });
     }
 
     /// Renders the demo and opens its project.
     pub(super) fn demo(&mut self, request: DemoRequest) {
+        let memory = self.state_folder.clone();
         self.start("rendering the demo", move |monitor| {
-            let path = prepare_demo(&request, monitor).map_err(|error| error.to_string())?.project;
+            let path = prepare_demo(&request, monitor)
+                .map_err(|error| error.to_string())?
+                .project;
             let session = Session::open(&path).map_err(|error| error.to_string())?;
-            Ok(Loaded::Project { session: Box::new(session), path, then: Then::Measure })
+            Ok(opened(session, path, Then::Measure, memory.as_deref()))
         });
+    }
+
+    /// Looks at what was dropped or named.
+    pub(super) fn propose(&mut self, paths: Vec<PathBuf>) {
+        self.start("looking at the files", move |_| {
+            Ok(Loaded::Proposal(propose(&paths)))
+        });
+    }
+
+    /// Looks for missing pictures in a folder.
+    pub(super) fn find_pictures(&mut self, network: Arc<Network>, project: &Path, folder: PathBuf) {
+        let home = folder_of(project);
+        self.start(
+            format!("looking for pictures in {}", folder.display()),
+            move |monitor| {
+                let moves = search_folder(&network, &home, &folder, monitor);
+                moves.map(Loaded::Moves).map_err(|error| error.to_string())
+            },
+        );
+    }
+
+    /// Reads which projects were open before.
+    pub(super) fn recall(&mut self) {
+        if let Some(folder) = self.state_folder.clone() {
+            self.start("recent projects", move |_| {
+                let there = recent_projects(&folder)
+                    .into_iter()
+                    .filter(|path| path.is_file());
+                Ok(Loaded::Recent(there.collect()))
+            });
+        }
     }
 
     /// Lets a document go: closing its file may wait for the disk.
@@ -108,5 +177,20 @@ impl Loader {
             drop(session);
             Ok(Loaded::Line(String::new()))
         });
+    }
+}
+
+/// A project that is open now; it is remembered, and its pictures are looked for.
+fn opened(session: Session, path: PathBuf, then: Then, memory: Option<&Path>) -> Loaded {
+    if let Some(folder) = memory {
+        // A list of recent projects that cannot be written is no reason not to work.
+        let _ = remember_project(folder, &path);
+    }
+    let missing = pictures_missing(session.network(), &folder_of(&path));
+    Loaded::Project {
+        session: Box::new(session),
+        path,
+        missing,
+        then,
     }
 }

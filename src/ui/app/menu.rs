@@ -4,7 +4,7 @@
 use egui::{Button, KeyboardShortcut, Ui};
 
 use super::{App, Command};
-use crate::project::session::Session;
+use crate::project::session::{Saving, Session};
 use crate::ui::action::Action;
 use crate::ui::image_view::ImageView;
 use crate::ui::layout::Pane;
@@ -49,7 +49,12 @@ const PANES: [Pane; 10] = [
 ];
 
 /// The commands that run stages, in the bar itself.
-const RUN: [Command; 4] = [Command::Step, Command::RunStage, Command::RunAll, Command::Interrupt];
+const RUN: [Command; 4] = [
+    Command::Step,
+    Command::RunStage,
+    Command::RunAll,
+    Command::Interrupt,
+];
 
 impl App {
     pub(super) fn menu(&mut self, ui: &mut Ui, actions: &mut Vec<Action>) {
@@ -86,7 +91,9 @@ impl App {
             ui.separator();
             for command in RUN {
                 let button = ui.add_enabled(self.can(command), Button::new(command.title()));
-                let hint = command.shortcut().map_or_else(String::new, |keys| ui.ctx().format_shortcut(&keys));
+                let hint = command
+                    .shortcut()
+                    .map_or_else(String::new, |keys| ui.ctx().format_shortcut(&keys));
                 if button.on_hover_text(hint).clicked() {
                     actions.push(Action::Do(command));
                 }
@@ -119,17 +126,57 @@ impl App {
         let network = self.network();
         let oriented = network.oriented_images().count();
         let images = network.used_images().count();
-        let sigma0 = network.adjustment.as_ref().map_or_else(String::new, |adjustment| {
-            let age = if network.adjustment_is_fresh() { "" } else { " before your last edits" };
-            format!("sigma0 {:.3} ({:.4} px){age}   ", adjustment.sigma0, adjustment.sigma0_px)
+        let sigma0 = network
+            .adjustment
+            .as_ref()
+            .map_or_else(String::new, |adjustment| {
+                let age = if network.adjustment_is_fresh() {
+                    ""
+                } else {
+                    " before your last edits"
+                };
+                format!(
+                    "sigma0 {:.3} ({:.4} px){age}   ",
+                    adjustment.sigma0, adjustment.sigma0_px
+                )
+            });
+        format!(
+            "{sigma0}{oriented}/{images} images   {} points",
+            network.points.len()
+        )
+    }
+
+    /// Says that pictures are missing, and what helps.
+    pub(super) fn missing_banner(&self, ui: &mut Ui, actions: &mut Vec<Action>) {
+        if self.missing.is_empty() {
+            return;
+        }
+        egui::Panel::top("missing pictures").show(ui, |ui| {
+            ui.horizontal(|ui| {
+                let text = match self.missing.len() {
+                    1 => "1 picture is not at its place; all that was measured in it stands.".to_owned(),
+                    count => format!("{count} pictures are not at their place; all that was measured in them stands."),
+                };
+                let paths = self.missing.iter().filter_map(|id| self.network().images.get(id));
+                let paths: Vec<&str> = paths.map(|image| image.file.path.as_str()).take(20).collect();
+                ui.colored_label(theme::DOUBTFUL, text).on_hover_text(paths.join("\n"));
+                if ui.button("Find folder ...").clicked() {
+                    actions.push(Action::Do(Command::FindPictures));
+                }
+            });
         });
-        format!("{sigma0}{oriented}/{images} images   {} points", network.points.len())
     }
 
     /// The line below: what happened last, and what is under the pointer.
     pub(super) fn status(&mut self, ui: &mut Ui, actions: &mut Vec<Action>) {
         ui.horizontal(|ui| {
-            let earlier: Vec<&str> = self.messages.iter().rev().take(12).map(String::as_str).collect();
+            let earlier: Vec<&str> = self
+                .messages
+                .iter()
+                .rev()
+                .take(12)
+                .map(String::as_str)
+                .collect();
             if let Some((title, progress)) = self.loader.progress() {
                 ui.spinner();
                 let counted = if progress.total > 0 {
@@ -148,7 +195,13 @@ impl App {
                 if let Some(line) = self.not_saved() {
                     ui.colored_label(theme::REJECTED, line);
                 }
-                for status in self.panels.views.iter().flatten().filter_map(ImageView::status) {
+                for status in self
+                    .panels
+                    .views
+                    .iter()
+                    .flatten()
+                    .filter_map(ImageView::status)
+                {
                     ui.monospace(status);
                 }
             });
@@ -158,6 +211,13 @@ impl App {
     /// Why the newest state is not on the disk, where it is not.
     fn not_saved(&self) -> Option<String> {
         let session = self.session()?;
-        (!session.is_writable()).then(|| "open for reading only: changes are not saved".to_owned())
+        if !session.is_writable() {
+            return Some("open for reading only: changes are not saved".to_owned());
+        }
+        match session.saving() {
+            Saving::Saved => None,
+            Saving::Behind { steps } => Some(format!("saving {steps}")),
+            Saving::Failed(reason) => Some(format!("not saved: {reason}")),
+        }
     }
 }

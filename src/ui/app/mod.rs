@@ -15,8 +15,9 @@ mod sight;
 mod start;
 mod title;
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Duration;
 
@@ -38,8 +39,9 @@ use super::panels::tables::Tables;
 use super::pictures::{PictureSettings, PictureStore};
 use super::runner::Runner;
 use super::window::Beginning;
-use crate::network::{Network, Stage};
+use crate::network::{ImageId, Network, PointId, Stage};
 use crate::project::session::Session;
+use crate::project::whereabouts::PictureMoves;
 use loader::Loader;
 use palette::Palette;
 use start::Start;
@@ -69,10 +71,16 @@ pub struct App {
     loader: Loader,
     pictures: PictureStore,
     selection: Selection,
+    /// Points of the last box select.
+    group: Arc<BTreeSet<PointId>>,
     /// Lines for the operator, newest last.
     messages: VecDeque<String>,
     panels: Panels,
     tree: Tree<Pane>,
+    /// Images whose picture was not at its place.
+    missing: Vec<ImageId>,
+    /// Where missing pictures were found, until it can be taken over.
+    moves: Option<PictureMoves>,
     palette: Palette,
     start: Start,
     forms: forms::Forms,
@@ -107,7 +115,10 @@ impl App {
     ///
     /// # Errors
     /// [`NoThread`].
-    pub fn new(creation: &eframe::CreationContext<'_>, beginning: Beginning) -> Result<Self, NoThread> {
+    pub fn new(
+        creation: &eframe::CreationContext<'_>,
+        beginning: Beginning,
+    ) -> Result<Self, NoThread> {
         if let Some(state) = &creation.wgpu_render_state {
             super::image_view::install(state);
             NetworkView::install(state);
@@ -126,6 +137,7 @@ impl App {
             loader: Loader::new(waking(&creation.egui_ctx))?,
             pictures: PictureStore::new(PictureSettings::default(), waking(&creation.egui_ctx))?,
             selection: Selection::default(),
+            group: Arc::default(),
             messages: VecDeque::new(),
             panels: Panels {
                 stages: StagesPanel::default(),
@@ -140,6 +152,8 @@ impl App {
                 journal: Journal,
             },
             tree: first_layout(FIRST_IMAGE_PANELS),
+            missing: Vec::new(),
+            moves: None,
             palette: Palette::default(),
             start: Start::default(),
             forms: forms::Forms::default(),
@@ -156,6 +170,20 @@ impl App {
         Ok(app)
     }
 
+    /// The same application, remembering in this folder which projects were open.
+    #[must_use]
+    pub fn remembering(mut self, state_folder: Option<PathBuf>) -> Self {
+        self.loader.state_folder = state_folder;
+        self.loader.recall();
+        self
+    }
+
+    /// Images whose picture is not at its place.
+    #[must_use]
+    pub fn missing_pictures(&self) -> &[ImageId] {
+        &self.missing
+    }
+
     /// The document, where one is open.
     #[must_use]
     pub fn session(&self) -> Option<&Session> {
@@ -165,7 +193,8 @@ impl App {
     /// The measurement; empty where no project is open.
     #[must_use]
     pub fn network(&self) -> &Network {
-        self.session().map_or(&self.empty, |session| session.network())
+        self.session()
+            .map_or(&self.empty, |session| session.network())
     }
 
     /// What runs.
@@ -190,6 +219,12 @@ impl App {
     #[must_use]
     pub fn selection(&self) -> &Selection {
         &self.selection
+    }
+
+    /// Points of the last box select.
+    #[must_use]
+    pub fn group(&self) -> &BTreeSet<PointId> {
+        &self.group
     }
 
     /// The image panels, in their order.
@@ -220,6 +255,7 @@ impl App {
     fn take_over(&mut self, context: &Context) {
         self.pictures.poll();
         self.take_loaded(context);
+        self.move_pictures();
         if let Some(document) = &mut self.document {
             for line in self.runner.poll(&mut document.session) {
                 self.say(line);
@@ -252,6 +288,7 @@ impl eframe::App for App {
         self.modal_keys(&context);
         egui::Panel::top("menu").show(ui, |ui| self.menu(ui, &mut actions));
         egui::Panel::bottom("status").show(ui, |ui| self.status(ui, &mut actions));
+        self.missing_banner(ui, &mut actions);
         egui::CentralPanel::default().show(ui, |ui| match &self.document {
             Some(_) => self.panes(ui, &mut actions),
             None => self.start_page(ui, &mut actions),

@@ -36,7 +36,10 @@ struct Entry {
 
 impl Palette {
     pub(super) fn open_commands(&mut self) {
-        *self = Self { open: Open::Commands, ..Self::default() };
+        *self = Self {
+            open: Open::Commands,
+            ..Self::default()
+        };
     }
 
     pub(super) fn open_keys(&mut self) {
@@ -91,63 +94,93 @@ impl App {
 
     /// What the text in the palette finds: commands first, then images and points.
     fn entries(&self) -> Vec<Entry> {
-        let words: Vec<String> = self.palette.text.split_whitespace().map(str::to_lowercase).collect();
+        let words: Vec<String> = self
+            .palette
+            .text
+            .split_whitespace()
+            .map(str::to_lowercase)
+            .collect();
         let fits = |text: &str| {
             let text = text.to_lowercase();
             words.iter().all(|word| text.contains(word.as_str()))
         };
         let network = self.network();
-        let commands = Command::ALL.into_iter().filter(|command| self.can(*command)).map(|command| Entry {
-            text: command.title().to_owned(),
-            action: Action::Do(command),
-        });
+        let commands = Command::ALL
+            .into_iter()
+            .filter(|command| self.can(*command))
+            .map(|command| Entry {
+                text: command.title().to_owned(),
+                action: Action::Do(command),
+            });
         let images = network.images.iter().map(|(id, image)| Entry {
             text: format!("image {}", image.file.path),
-            action: Action::Select(Selection { image: Some(*id), ..Selection::default() }),
+            action: Action::Select(Selection {
+                image: Some(*id),
+                ..Selection::default()
+            }),
         });
         let points = network.points.keys().map(|id| Entry {
             text: format!("point {}", network.label(*id)),
-            action: Action::LookAt(Selection { point: Some(*id), ..Selection::default() }),
+            action: Action::LookAt(Selection {
+                point: Some(*id),
+                ..Selection::default()
+            }),
         });
-        let mut found: Vec<Entry> =
-            commands.chain(images).chain(points).filter(|entry| fits(&entry.text)).take(SHOWN).collect();
+        let mut found: Vec<Entry> = commands
+            .chain(images)
+            .chain(points)
+            .filter(|entry| fits(&entry.text))
+            .take(SHOWN)
+            .collect();
         if let Some(point) = exact_point(network, &self.palette.text) {
             let text = format!("point {}", network.label(point));
             found.retain(|entry| entry.text != text);
-            let selection = Selection { point: Some(point), ..Selection::default() };
-            found.insert(0, Entry { text, action: Action::LookAt(selection) });
+            let selection = Selection {
+                point: Some(point),
+                ..Selection::default()
+            };
+            found.insert(
+                0,
+                Entry {
+                    text,
+                    action: Action::LookAt(selection),
+                },
+            );
         }
         found
     }
 
     fn keys_window(&mut self, context: &Context) {
         let mut open = true;
-        Window::new("All keys").open(&mut open).default_size(vec2(460.0, 520.0)).show(context, |ui| {
-            ScrollArea::vertical().show(ui, |ui| {
-                ui.strong("Everywhere");
-                Grid::new("keys of commands").striped(true).show(ui, |ui| {
-                    for command in Command::ALL {
-                        if let Some(keys) = command.shortcut() {
-                            ui.monospace(ui.ctx().format_shortcut(&keys));
-                            ui.label(command.title());
-                            ui.end_row();
+        Window::new("All keys")
+            .open(&mut open)
+            .default_size(vec2(460.0, 520.0))
+            .show(context, |ui| {
+                ScrollArea::vertical().show(ui, |ui| {
+                    ui.strong("Everywhere");
+                    Grid::new("keys of commands").striped(true).show(ui, |ui| {
+                        for command in Command::ALL {
+                            if let Some(keys) = command.shortcut() {
+                                ui.monospace(ui.ctx().format_shortcut(&keys));
+                                ui.label(command.title());
+                                ui.end_row();
+                            }
                         }
+                    });
+                    let mut place = "";
+                    for key in &VIEW_KEYS {
+                        if key.place != place {
+                            place = key.place;
+                            ui.add_space(8.0);
+                            ui.strong(place);
+                        }
+                        ui.horizontal(|ui| {
+                            ui.monospace(key.keys);
+                            ui.label(key.meaning);
+                        });
                     }
                 });
-                let mut place = "";
-                for key in &VIEW_KEYS {
-                    if key.place != place {
-                        place = key.place;
-                        ui.add_space(8.0);
-                        ui.strong(place);
-                    }
-                    ui.horizontal(|ui| {
-                        ui.monospace(key.keys);
-                        ui.label(key.meaning);
-                    });
-                }
             });
-        });
         if !open {
             self.palette.close();
         }
@@ -156,7 +189,12 @@ impl App {
     /// Commands by their keys.
     pub(super) fn shortcuts(&self, context: &Context) -> Vec<Action> {
         let typing = context.text_edit_focused();
-        let escape_is_theirs = self.panels.views.iter().flatten().any(ImageView::wants_escape);
+        let escape_is_theirs = self
+            .panels
+            .views
+            .iter()
+            .flatten()
+            .any(ImageView::wants_escape);
         let mut actions = Vec::new();
         context.input_mut(|input| {
             // Those with more modifier keys first: Shift+F5 is also F5.
@@ -164,20 +202,28 @@ impl App {
             commands.sort_by_key(|command| {
                 let keys = command.shortcut().map(|shortcut| shortcut.modifiers);
                 std::cmp::Reverse(keys.map_or(0, |keys| {
-                    [keys.alt, keys.ctrl || keys.command, keys.shift].into_iter().filter(|held| *held).count()
+                    [keys.alt, keys.ctrl || keys.command, keys.shift]
+                        .into_iter()
+                        .filter(|held| *held)
+                        .count()
                 }))
             });
             for command in commands {
                 let theirs = command == Command::Interrupt && escape_is_theirs;
-                let Some(shortcut) = command.shortcut().filter(|_| !(theirs || typing && command.is_letter())) else {
+                let Some(shortcut) = command
+                    .shortcut()
+                    .filter(|_| !(theirs || typing && command.is_letter()))
+                else {
                     continue;
                 };
                 if input.consume_shortcut(&shortcut) && self.can(command) {
                     actions.push(Action::Do(command));
                 }
             }
-            let dropped: Vec<_> =
-                std::mem::take(&mut input.raw.dropped_files).iter().map(|file| file.path().to_owned()).collect();
+            let dropped: Vec<_> = std::mem::take(&mut input.raw.dropped_files)
+                .iter()
+                .map(|file| file.path().to_owned())
+                .collect();
             if !dropped.is_empty() {
                 actions.push(Action::Dropped(dropped));
             }
@@ -196,7 +242,11 @@ impl Palette {
                 input.consume_key(Modifiers::NONE, Key::Enter),
             )
         });
-        let field = ui.add(TextEdit::singleline(&mut self.text).hint_text("type to find").desired_width(360.0));
+        let field = ui.add(
+            TextEdit::singleline(&mut self.text)
+                .hint_text("type to find")
+                .desired_width(360.0),
+        );
         field.request_focus();
         if field.changed() {
             self.chosen = 0;
@@ -209,7 +259,10 @@ impl Palette {
         };
         let mut taken = enter.then_some(self.chosen);
         for (place, entry) in entries.iter().enumerate() {
-            if ui.selectable_label(place == self.chosen, &entry.text).clicked() {
+            if ui
+                .selectable_label(place == self.chosen, &entry.text)
+                .clicked()
+            {
                 taken = Some(place);
             }
         }

@@ -8,18 +8,29 @@ use crate::ui::context::ViewContext;
 use crate::ui::layout::Pane;
 use crate::ui::runner::Runner;
 
+/// Space round the text of a pane, points.
+const TEXT_MARGIN: i8 = 5;
+
 impl App {
     /// Draws the panels of the open project.
     pub(super) fn panes(&mut self, ui: &mut egui::Ui, actions: &mut Vec<Action>) {
-        let Some(document) = &self.document else { return };
+        let Some(document) = &self.document else {
+            return;
+        };
         let mut draw = Draw {
             view: ViewContext {
                 network: document.session.network(),
                 pictures: &self.pictures,
                 selection: &self.selection,
+                group: &self.group,
                 pending: self.runner.pending(),
             },
-            titles: &document.session.history().undo_titles().map(str::to_owned).collect::<Vec<_>>(),
+            titles: &document
+                .session
+                .history()
+                .undo_titles()
+                .map(str::to_owned)
+                .collect::<Vec<_>>(),
             runner: &self.runner,
             panels: &mut self.panels,
             actions,
@@ -47,6 +58,21 @@ impl Draw<'_> {
         }
     }
 
+    fn text(&mut self, ui: &mut egui::Ui, pane: Pane) {
+        let (view, actions, panels) = (&self.view, &mut *self.actions, &mut *self.panels);
+        match pane {
+            Pane::Stages => panels.stages.ui(ui, view, self.runner, actions),
+            Pane::Images => panels.images.ui(ui, view, actions),
+            Pane::Inspector => panels.inspector.ui(ui, view, actions),
+            Pane::Frame | Pane::Image(_) | Pane::Network => {}
+            Pane::Findings => panels.findings.ui(ui, view, actions),
+            Pane::Review => panels.review.ui(ui, view, actions),
+            Pane::Tables => panels.tables.ui(ui, view, actions),
+            Pane::Plots => panels.plots.ui(ui, view, actions),
+            Pane::Journal => panels.journal.ui(ui, self.titles),
+        }
+    }
+
     fn image_title(&self, place: usize) -> String {
         let view = self.panels.views.get(place).and_then(Option::as_ref);
         let image = view.and_then(|view| self.view.network.images.get(&view.image));
@@ -62,23 +88,15 @@ impl Draw<'_> {
 
 impl Behavior<Pane> for Draw<'_> {
     fn pane_ui(&mut self, ui: &mut egui::Ui, _tile: TileId, pane: &mut Pane) -> UiResponse {
-        if let Pane::Image(place) = pane {
-            self.image(ui, *place);
-            return UiResponse::None;
-        }
-        let (view, actions, panels) = (&self.view, &mut *self.actions, &mut *self.panels);
         match pane {
-            Pane::Stages => panels.stages.ui(ui, view, self.runner, actions),
-            Pane::Images => panels.images.ui(ui, view, actions),
-            Pane::Image(_) => {}
-            Pane::Network => panels.network.ui(ui, view, actions),
-            Pane::Inspector => panels.inspector.ui(ui, view, actions),
-            Pane::Frame => {}
-            Pane::Findings => panels.findings.ui(ui, view, actions),
-            Pane::Review => panels.review.ui(ui, view, actions),
-            Pane::Tables => panels.tables.ui(ui, view, actions),
-            Pane::Plots => panels.plots.ui(ui, view, actions),
-            Pane::Journal => panels.journal.ui(ui, self.titles),
+            Pane::Image(place) => self.image(ui, *place),
+            Pane::Network => self.panels.network.ui(ui, &self.view, self.actions),
+            // Pictures take the whole pane, text keeps off its edge.
+            text => {
+                egui::Frame::new()
+                    .inner_margin(TEXT_MARGIN)
+                    .show(ui, |ui| self.text(ui, *text));
+            }
         }
         UiResponse::None
     }
@@ -94,6 +112,9 @@ impl Behavior<Pane> for Draw<'_> {
     }
 
     fn simplification_options(&self) -> SimplificationOptions {
-        SimplificationOptions { all_panes_must_have_tabs: true, ..SimplificationOptions::default() }
+        SimplificationOptions {
+            all_panes_must_have_tabs: true,
+            ..SimplificationOptions::default()
+        }
     }
 }

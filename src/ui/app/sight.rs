@@ -12,9 +12,17 @@ use crate::ui::layout::{Pane, first_layout};
 const CLOSE_LOOK: f64 = 6.0;
 
 /// Where a point stands in an image: its labelled dot, else its predicted place within the picture.
-pub(super) fn place_in_image(network: &Network, image: ImageId, point: PointId) -> Option<Vector2<f64>> {
+pub(super) fn place_in_image(
+    network: &Network,
+    image: ImageId,
+    point: PointId,
+) -> Option<Vector2<f64>> {
     let entry = network.images.get(&image)?;
-    let labelled = entry.labels.iter().find(|(_, label)| label.point == point).map(|(dot, _)| *dot);
+    let labelled = entry
+        .labels
+        .iter()
+        .find(|(_, label)| label.point == point)
+        .map(|(dot, _)| *dot);
     if let (Some(dot), Some(detections)) = (labelled, &entry.detections) {
         return detections.dots.get(dot.slot()).map(|dot| dot.centre_px);
     }
@@ -31,6 +39,9 @@ pub(super) fn place_in_image(network: &Network, image: ImageId, point: PointId) 
 
 /// The image and place that a selection names, where it names one.
 fn place_of(network: &Network, selection: &Selection) -> Option<(ImageId, Vector2<f64>)> {
+    if let Some((image, [x, y])) = selection.place {
+        return Some((image, Vector2::new(x, y)));
+    }
     if let Some((image, dot)) = selection.dot {
         let detections = network.images.get(&image)?.detections.as_ref()?;
         return Some((image, detections.dots.get(dot.slot())?.centre_px));
@@ -60,7 +71,10 @@ impl App {
         for place in 0..views.len() {
             if views[place].is_none() {
                 let shown = |id: &ImageId| views.iter().flatten().any(|view| view.image == *id);
-                views[place] = ids.iter().find(|id| !shown(id)).map(|id| ImageView::new(*id));
+                views[place] = ids
+                    .iter()
+                    .find(|id| !shown(id))
+                    .map(|id| ImageView::new(*id));
             }
         }
     }
@@ -72,7 +86,12 @@ impl App {
 
     /// Shows an image in the first image panel unless one shows it already.
     pub(super) fn show_image(&mut self, id: ImageId) {
-        let shown = self.panels.views.iter().flatten().any(|view| view.image == id);
+        let shown = self
+            .panels
+            .views
+            .iter()
+            .flatten()
+            .any(|view| view.image == id);
         if !shown {
             self.set_view(0, id);
         }
@@ -89,8 +108,15 @@ impl App {
     /// The next or previous image in the first image panel.
     pub(super) fn turn_page(&mut self, forward: bool) {
         let ids: Vec<ImageId> = self.network().used_images().map(|(id, _)| id).collect();
-        let Some(last) = ids.len().checked_sub(1) else { return };
-        let now = self.panels.views.first().and_then(Option::as_ref).map(|view| view.image);
+        let Some(last) = ids.len().checked_sub(1) else {
+            return;
+        };
+        let now = self
+            .panels
+            .views
+            .first()
+            .and_then(Option::as_ref)
+            .map(|view| view.image);
         let place = now.and_then(|now| ids.iter().position(|id| *id == now));
         let next = match (place, forward) {
             (None, _) => 0,
@@ -108,10 +134,13 @@ impl App {
     /// Panels that show the target stay where they are, so that nothing jumps.
     pub(super) fn look_at(&mut self, selection: &Selection) {
         let network = self.network();
-        let first = place_of(network, selection).map(|(image, _)| image).or(selection.image);
+        let first = place_of(network, selection)
+            .map(|(image, _)| image)
+            .or(selection.image);
         let others = selection.point.map_or_else(Vec::new, |point| {
             let all = network.used_images().map(|(id, _)| id);
-            all.filter(|id| Some(*id) != first && shows(network, *id, point)).collect()
+            all.filter(|id| Some(*id) != first && shows(network, *id, point))
+                .collect()
         });
         if let Some(first) = first {
             self.show_image(first);
@@ -130,8 +159,12 @@ impl App {
 
     /// Panels without the target get images that show it.
     fn show_target_in_others(&mut self, first: Option<ImageId>, others: &[ImageId]) {
-        let shown: Vec<Option<ImageId>> =
-            self.panels.views.iter().map(|view| view.as_ref().map(|view| view.image)).collect();
+        let shown: Vec<Option<ImageId>> = self
+            .panels
+            .views
+            .iter()
+            .map(|view| view.as_ref().map(|view| view.image))
+            .collect();
         let mut candidates = others.iter().filter(|id| !shown.contains(&Some(**id)));
         for (place, image) in shown.iter().enumerate() {
             let keeps = image.is_some_and(|image| Some(image) == first || others.contains(&image));
@@ -151,6 +184,7 @@ impl App {
 
     /// Brings a panel to the front.
     pub(super) fn show_pane(&mut self, pane: Pane) {
-        self.tree.make_active(|_, tile| matches!(tile, egui_tiles::Tile::Pane(found) if *found == pane));
+        self.tree
+            .make_active(|_, tile| matches!(tile, egui_tiles::Tile::Pane(found) if *found == pane));
     }
 }

@@ -18,12 +18,20 @@ impl App {
         ui.vertical_centered(|ui| {
             ui.add_space(80.0);
             ui.heading("Tiepoint");
-            ui.label("From photographs of coded and plain targets to coordinates with true sigmas.");
+            ui.label(
+                "From photographs of coded and plain targets to coordinates with true sigmas.",
+            );
             ui.add_space(16.0);
             for (command, hint) in [
-                (Command::New, "from a folder of images; or drop the folder on this window"),
+                (
+                    Command::New,
+                    "from a folder of images; or drop the folder on this window",
+                ),
                 (Command::Open, "a project file (.tiepoint)"),
-                (Command::Demo, "renders a box with targets and measures it before your eyes"),
+                (
+                    Command::Demo,
+                    "renders a box with targets and measures it before your eyes",
+                ),
             ] {
                 if ui.button(command.title()).clicked() {
                     actions.push(Action::Do(command));

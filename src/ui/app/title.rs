@@ -3,9 +3,9 @@
 
 use egui::{Context, ViewportCommand};
 
-use super::{App, PROGRESS_EVERY};
+use super::App;
 use crate::network::{Network, Stage};
-use crate::project::session::{Saving, Session};
+use crate::project::session::Saving;
 
 /// The title that was shown last.
 #[derive(Default)]
@@ -19,17 +19,18 @@ impl App {
             context.send_viewport_cmd(ViewportCommand::Title(title.clone()));
             self.title.0 = title;
         }
-        let saving = self.session().map(Session::saving);
-        if saving.is_some_and(|saving| saving != Saving::Saved) {
-            context.request_repaint_after(PROGRESS_EVERY);
-        }
     }
 
     /// What the window's frame says.
     #[must_use]
     pub fn window_title(&self) -> String {
-        let Some(document) = &self.document else { return "Tiepoint".into() };
-        let name = document.project.file_name().unwrap_or(document.project.as_os_str());
+        let Some(document) = &self.document else {
+            return "Tiepoint".into();
+        };
+        let name = document
+            .project
+            .file_name()
+            .unwrap_or(document.project.as_os_str());
         let network = self.network();
         let oriented = network.oriented_images().count();
         let images = network.used_images().count();
@@ -40,16 +41,29 @@ impl App {
         };
         let saved = match document.session.saving() {
             Saving::Failed(_) => "NOT SAVED".into(),
-            Saving::Saved | Saving::Behind { .. } => format!("{} saved", document.session.changes_saved()),
+            Saving::Saved | Saving::Behind { .. } => {
+                format!("{} saved", document.session.changes_saved())
+            }
         };
-        format!("{} - {oriented}/{images} images - {doing} - {saved} - Tiepoint", name.display())
+        format!(
+            "{} - {oriented}/{images} images - {doing} - {saved} - Tiepoint",
+            name.display()
+        )
     }
 }
 
 /// The last stage that stands on the present inputs, and how it ended.
 fn last_stage(network: &Network) -> String {
-    let ended = |stage: &Stage| network.is_concluded(*stage).then(|| network.conclusions.get(stage)).flatten();
-    let last = Stage::ALL.iter().rev().find_map(|stage| Some((stage, ended(stage)?.outcome)));
+    let ended = |stage: &Stage| {
+        network
+            .is_concluded(*stage)
+            .then(|| network.conclusions.get(stage))
+            .flatten()
+    };
+    let last = Stage::ALL
+        .iter()
+        .rev()
+        .find_map(|stage| Some((stage, ended(stage)?.outcome)));
     match last {
         None if network.conclusions.is_empty() => "not measured".into(),
         None => "edited".into(),

@@ -197,7 +197,9 @@ fn show(ui: &mut egui::Ui, stage: &mut Stage) {
         view,
         actions,
     } = stage;
+    let group = std::sync::Arc::default();
     let context = ViewContext {
+        group: &group,
         network,
         pictures,
         selection,

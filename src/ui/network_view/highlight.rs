@@ -1,5 +1,6 @@
 //! What the selection adds: a ring round the point, its rays, the station's frustum.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use egui::Color32;
@@ -23,6 +24,17 @@ use crate::ui::theme;
 const RING_SIZE: f32 = 20.0;
 /// Opacity of rays, so that they do not hide what they cross.
 const RAY_OPACITY: f32 = 0.75;
+
+/// Diameter of the ring round a point of the group, screen points.
+const GROUP_RING_SIZE: f32 = 13.0;
+
+/// What the operator chose.
+#[derive(Clone, Copy)]
+pub(super) struct Chosen<'a> {
+    pub(super) selection: &'a Selection,
+    /// Points of the last box select.
+    pub(super) group: &'a BTreeSet<PointId>,
+}
 
 /// What is drawn for the selection.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -49,13 +61,22 @@ impl Highlight {
     pub(super) fn new(
         scene: &Scene,
         network: &Network,
-        selection: &Selection,
+        Chosen { selection, group }: Chosen<'_>,
         options: &DisplayOptions,
         theme: egui::Theme,
     ) -> Self {
         let mut highlight = Self::default();
         let mut layer = Layer::default();
         let selected = selected_colour(theme);
+        for point in group.iter().filter_map(|id| scene.point(*id)) {
+            layer.points.push(PointInstance {
+                position: scene.relative(point.position),
+                size: GROUP_RING_SIZE,
+                colour: bytes(selected),
+                rim: bytes(scene.palette.rim),
+                marker: Marker::Ring as u32,
+            });
+        }
         if let Some(station) = selection.image.and_then(|id| scene.station(id)) {
             scene.draw_frustum(station, bytes(selected), 2.5, ALWAYS, &mut layer);
         }

@@ -69,7 +69,7 @@ fn rows(
             PointKind::Cross => Row::new(Symbol::Diamond(palette.kind(*kind)), "reference cross"),
         })),
         (Colouring::Precision, None) => {
-            rows.push(Row::new(Symbol::Nothing, "sigma: not adjusted yet"))
+            rows.push(Row::new(Symbol::Nothing, "sigma: not adjusted yet"));
         }
         (Colouring::Rays, None) => {}
         (colouring, Some(scale)) => {

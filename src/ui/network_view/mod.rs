@@ -12,6 +12,7 @@
 //! An error ellipsoid is the surface at one sigma times the exaggeration that the legend names. Colours of precision are
 //! viridis (van der Walt and Smith, 2015), whose steps look equally large to the eye.
 
+mod boxing;
 mod camera;
 mod colour;
 mod highlight;

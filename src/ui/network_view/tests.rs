@@ -197,6 +197,7 @@ pub(super) struct Bench {
     pub(super) view: NetworkView,
     network: Network,
     pub(super) selection: Selection,
+    group: Arc<std::collections::BTreeSet<PointId>>,
     actions: Vec<Action>,
 }
 
@@ -209,9 +210,13 @@ impl Bench {
     }
 
     pub(super) fn draw(ui: &mut egui::Ui, bench: &mut Self) {
-        bench
-            .view
-            .show(ui, &bench.network, &bench.selection, &mut bench.actions);
+        bench.view.show(
+            ui,
+            &bench.network,
+            &bench.selection,
+            &bench.group,
+            &mut bench.actions,
+        );
     }
 }
 

@@ -5,6 +5,7 @@ use egui::PopupCloseBehavior;
 use egui::containers::menu::MenuButton;
 use egui::containers::menu::MenuConfig;
 
+use super::boxing::Tool;
 use super::camera::StandardView;
 use super::options::Colouring;
 use super::options::DisplayOptions;
@@ -29,6 +30,7 @@ pub(super) enum Wish {
 pub(super) fn draw(
     ui: &mut egui::Ui,
     options: &mut DisplayOptions,
+    tool: &mut Tool,
     exaggeration: Option<f64>,
 ) -> Option<Wish> {
     let mut wish = None;
@@ -44,6 +46,16 @@ pub(super) fn draw(
             if ui.button(view.name()).on_hover_text(view.hint()).clicked() {
                 wish = Some(Wish::View(view));
             }
+        }
+        let boxing = ui.selectable_label(*tool == Tool::Box, "Box select");
+        if boxing
+            .on_hover_text("Dragging selects all points within a box (or hold B)")
+            .clicked()
+        {
+            *tool = match *tool {
+                Tool::Turn => Tool::Box,
+                Tool::Box => Tool::Turn,
+            };
         }
         let label = ui.label("Points");
         egui::ComboBox::from_id_salt("colour of points")

@@ -1,6 +1,7 @@
 //! The panel: keeps the viewpoint and the scene, takes the operator's hand.
 
 use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use eframe::egui_wgpu::RenderState;
@@ -12,7 +13,10 @@ use egui::Sense;
 use egui::Vec2;
 use egui::WidgetInfo;
 
+use super::boxing::Boxing;
+use super::boxing::points_within;
 use super::camera::OrbitCamera;
+use super::highlight::Chosen;
 use super::highlight::Highlight;
 use super::highlight::selected_colour;
 use super::legend;
@@ -53,6 +57,16 @@ struct Count {
     points: usize,
 }
 
+/// Who chose the viewpoint.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Viewpoint {
+    /// Nobody yet: all is kept in sight.
+    #[default]
+    Whole,
+    /// The operator: it stays.
+    Operators,
+}
+
 /// The 3D view of the network.
 #[derive(Default)]
 pub struct NetworkView {
@@ -61,6 +75,8 @@ pub struct NetworkView {
     scene: Option<Scene>,
     highlight: Highlight,
     highlighted: Option<Selection>,
+    grouped: Arc<BTreeSet<PointId>>,
+    boxing: Boxing,
     births: BTreeMap<ImageId, f32>,
     wish: Option<Wish>,
     /// To be brought into the middle at the next frame.
@@ -69,6 +85,8 @@ pub struct NetworkView {
     canvas: Option<Rect>,
     /// Whether the viewpoint has been fitted to the present network.
     fitted: bool,
+    /// Until the operator takes it in hand, the viewpoint follows the growing network.
+    viewpoint: Viewpoint,
     before: Count,
     now: Count,
     scenes_made: u64,
@@ -89,6 +107,7 @@ impl NetworkView {
     /// Shows all of the network at the next frame; to be called when another project is opened.
     pub fn fit(&mut self) {
         self.wish = Some(Wish::Fit);
+        self.viewpoint = Viewpoint::Whole;
     }
 
     /// Brings what is selected into the middle at the next frame; direction and distance stay.
@@ -128,7 +147,13 @@ impl NetworkView {
 
     /// Draws the panel and takes the operator's hand.
     pub fn ui(&mut self, ui: &mut egui::Ui, context: &ViewContext<'_>, actions: &mut Vec<Action>) {
-        self.show(ui, context.network, context.selection, actions);
+        self.show(
+            ui,
+            context.network,
+            context.selection,
+            context.group,
+            actions,
+        );
     }
 
     /// As [`NetworkView::ui`], without the pictures that this panel does not need.
@@ -137,10 +162,13 @@ impl NetworkView {
         ui: &mut egui::Ui,
         network: &Network,
         selection: &Selection,
+        group: &Arc<BTreeSet<PointId>>,
         actions: &mut Vec<Action>,
     ) {
         let exaggeration = self.scene.as_ref().and_then(|scene| scene.exaggeration);
-        if let Some(wish) = toolbar::draw(ui, &mut self.options, exaggeration) {
+        if let Some(wish) =
+            toolbar::draw(ui, &mut self.options, &mut self.boxing.tool, exaggeration)
+        {
             self.wish = Some(wish);
         }
         let size = ui.available_size().max(Vec2::splat(16.0));
@@ -154,7 +182,7 @@ impl NetworkView {
             egui::Theme::Light
         };
         let time = ui.input(|input| input.time) as f32;
-        self.update(network, selection, theme, time);
+        self.update(network, selection, group, theme, time);
         let Some(scene) = self.scene.take() else {
             return;
         };
@@ -165,12 +193,20 @@ impl NetworkView {
             invite(ui, canvas, actions);
         } else {
             self.move_viewpoint(&scene, canvas);
-            self.take_hand(ui, &response, &scene);
+            let boxing = self.boxing.takes(ui, &response);
+            if !boxing {
+                self.take_hand(ui, &response, &scene);
+            }
             let picked = response
                 .hover_pos()
                 .filter(|_| !response.dragged())
                 .and_then(|pointer| pick(&scene, &self.options, &self.camera, canvas, pointer));
             self.paint(ui, canvas, &scene, network, selection, theme, time);
+            // Over what is painted.
+            if boxing && let Some(rect) = self.boxing.drag(ui, &response, selected_colour(theme)) {
+                let within = points_within(&scene, &self.camera, canvas, rect);
+                actions.push(Action::Group(within));
+            }
             self.hover(ui, &response, &scene, network, picked, theme);
             click(&response, picked, network, selection, actions);
         }
@@ -178,7 +214,14 @@ impl NetworkView {
     }
 
     /// Makes scene and highlight anew where what they come from is another.
-    fn update(&mut self, network: &Network, selection: &Selection, theme: egui::Theme, time: f32) {
+    fn update(
+        &mut self,
+        network: &Network,
+        selection: &Selection,
+        group: &Arc<BTreeSet<PointId>>,
+        theme: egui::Theme,
+        time: f32,
+    ) {
         let same_scene = self
             .scene
             .as_ref()
@@ -192,15 +235,22 @@ impl NetworkView {
                 points: scene.points.len(),
             };
             if count != self.now {
+                if count.stations != self.now.stations && self.viewpoint == Viewpoint::Whole {
+                    self.wish = self.wish.or(Some(Wish::Fit));
+                }
                 self.before = std::mem::replace(&mut self.now, count);
             }
             self.scene = Some(scene);
         }
         if let Some(scene) = &self.scene
-            && (!same_scene || self.highlighted.as_ref() != Some(selection))
+            && (!same_scene
+                || self.highlighted.as_ref() != Some(selection)
+                || !Arc::ptr_eq(&self.grouped, group))
         {
-            self.highlight = Highlight::new(scene, network, selection, &self.options, theme);
+            let chosen = Chosen { selection, group };
+            self.highlight = Highlight::new(scene, network, chosen, &self.options, theme);
             self.highlighted = Some(selection.clone());
+            self.grouped = Arc::clone(group);
         }
     }
 
@@ -237,12 +287,21 @@ impl NetworkView {
                     .map(|station| station.centre)
             };
             if let Some(place) = point.or_else(station) {
+                self.viewpoint = Viewpoint::Operators;
                 self.camera.target = place;
             }
         }
     }
 
     fn take_hand(&mut self, ui: &egui::Ui, response: &egui::Response, scene: &Scene) {
+        let before = self.camera;
+        self.turn_and_zoom(ui, response, scene);
+        if self.camera != before {
+            self.viewpoint = Viewpoint::Operators;
+        }
+    }
+
+    fn turn_and_zoom(&mut self, ui: &egui::Ui, response: &egui::Response, scene: &Scene) {
         let canvas = response.rect;
         let modifiers = ui.input(|input| input.modifiers);
         let drag = response.drag_delta();

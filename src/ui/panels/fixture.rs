@@ -79,12 +79,14 @@ impl Bench {
             actions: Vec::new(),
         }));
         let inside = shown.clone();
+        let group = std::sync::Arc::default();
         let pictures = PictureStore::new(PictureSettings::default(), || ()).expect("a thread");
         let harness = Harness::builder()
             .with_size([900.0, 600.0])
             .build_ui(move |ui| {
                 let shown = &mut *inside.borrow_mut();
                 let context = ViewContext {
+                    group: &group,
                     network: &shown.network,
                     pictures: &pictures,
                     selection: &shown.selection,

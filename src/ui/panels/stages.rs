@@ -19,7 +19,13 @@ pub struct StagesPanel {
 
 impl StagesPanel {
     /// Draws the panel and asks for what was clicked.
-    pub fn ui(&mut self, ui: &mut Ui, context: &ViewContext<'_>, runner: &Runner, actions: &mut Vec<Action>) {
+    pub fn ui(
+        &mut self,
+        ui: &mut Ui,
+        context: &ViewContext<'_>,
+        runner: &Runner,
+        actions: &mut Vec<Action>,
+    ) {
         ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             progress(ui, runner);
             if !context.pending.is_empty() {
@@ -27,14 +33,20 @@ impl StagesPanel {
                     1 => "1 edit waits for the end of this step".to_owned(),
                     count => format!("{count} edits wait for the end of this step"),
                 };
-                let titles: Vec<String> = context.pending.iter().map(|edit| edit.title(context.network)).collect();
-                ui.colored_label(theme::DOUBTFUL, text).on_hover_text(titles.join("\n"));
+                let titles: Vec<String> = context
+                    .pending
+                    .iter()
+                    .map(|edit| edit.title(context.network))
+                    .collect();
+                ui.colored_label(theme::DOUBTFUL, text)
+                    .on_hover_text(titles.join("\n"));
             }
             for stage in Stage::ALL {
                 stage_row(ui, context.network, stage, runner, actions);
             }
             ui.separator();
-            CollapsingHeader::new("Settings").show(ui, |ui| self.settings(ui, context.network, actions));
+            CollapsingHeader::new("Settings")
+                .show(ui, |ui| self.settings(ui, context.network, actions));
         });
     }
 
@@ -56,12 +68,17 @@ impl StagesPanel {
             }
         })
         .response
-        .on_hover_text("Another choice detects all images again: labels given by hand go with their dots.");
+        .on_hover_text(
+            "Another choice detects all images again: labels given by hand go with their dots.",
+        );
         number(
             ui,
             "Diameter of plain targets",
             "Their size tells them from other light, and carries their eccentricity.",
-            DragValue::new(&mut draft.targets.plain_dot_mm).range(0.1..=200.0).speed(0.05).suffix(" mm"),
+            DragValue::new(&mut draft.targets.plain_dot_mm)
+                .range(0.1..=200.0)
+                .speed(0.05)
+                .suffix(" mm"),
         );
         number(
             ui,
@@ -81,7 +98,10 @@ impl StagesPanel {
             ui,
             "Rejection limit |w|",
             "Normalised residual (Baarda) above which an observation is a gross error; 4.0 rejects one good one in 16,000.",
-            DragValue::new(&mut draft.critical_w).range(2.5..=10.0).speed(0.02).suffix(" sigma"),
+            DragValue::new(&mut draft.critical_w)
+                .range(2.5..=10.0)
+                .speed(0.02)
+                .suffix(" sigma"),
         );
         number(
             ui,
@@ -91,7 +111,10 @@ impl StagesPanel {
         );
         let changed = draft != present && !draft.families.is_empty();
         ui.horizontal(|ui| {
-            if ui.add_enabled(changed, Button::new("Apply settings")).clicked() {
+            if ui
+                .add_enabled(changed, Button::new("Apply settings"))
+                .clicked()
+            {
                 actions.push(Action::Edit(Edit::Settings(Box::new(draft.clone()))));
             }
             if ui.add_enabled(changed, Button::new("Discard")).clicked() {
@@ -120,7 +143,11 @@ fn progress(ui: &mut Ui, runner: &Runner) {
     let Some((stage, step, progress)) = runner.progress() else {
         return;
     };
-    let what = if runner.is_stopping() { "stopping" } else { step };
+    let what = if runner.is_stopping() {
+        "stopping"
+    } else {
+        step
+    };
     ui.label(format!("{}: {what}", title(stage)));
     let share = progress.done as f32 / progress.total.max(1) as f32;
     let left = progress.total.saturating_sub(progress.done);
@@ -132,14 +159,27 @@ fn progress(ui: &mut Ui, runner: &Runner) {
     ui.add(ProgressBar::new(share).text(text));
 }
 
-fn stage_row(ui: &mut Ui, network: &Network, stage: Stage, runner: &Runner, actions: &mut Vec<Action>) {
-    let now = runner.progress().is_some_and(|(running, ..)| running == stage);
+fn stage_row(
+    ui: &mut Ui,
+    network: &Network,
+    stage: Stage,
+    runner: &Runner,
+    actions: &mut Vec<Action>,
+) {
+    let now = runner
+        .progress()
+        .is_some_and(|(running, ..)| running == stage);
     let mark = if now { ">" } else { " " };
     ui.horizontal(|ui| {
         ui.monospace(mark);
         let label = ui.add_enabled(!runner.is_running(), Button::new(title(stage)).frame(false));
-        let needs = stage.missing(network).map_or_else(String::new, |missing| format!("\nNow: {missing}."));
-        if label.on_hover_text(format!("{}\nClick: run up to here.{needs}", hint(stage))).clicked() {
+        let needs = stage
+            .missing(network)
+            .map_or_else(String::new, |missing| format!("\nNow: {missing}."));
+        if label
+            .on_hover_text(format!("{}\nClick: run up to here.{needs}", hint(stage)))
+            .clicked()
+        {
             actions.push(Action::Run(RunRequest::Until(stage)));
         }
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
@@ -166,28 +206,45 @@ pub fn title(stage: Stage) -> &'static str {
 
 fn hint(stage: Stage) -> &'static str {
     match stage {
-        Stage::Detect => "Finds dots and reads codes in every image. Needs images that can be read.",
+        Stage::Detect => {
+            "Finds dots and reads codes in every image. Needs images that can be read."
+        }
         Stage::FirstPair => {
             "Orients two images from the reference cross, or from the codes both show. Needs two detected images."
         }
-        Stage::Connect => "Orients the other images one by one from points known so far. Needs a first pair.",
-        Stage::AdjustCodes => "Free-network adjustment of all code dots with self-calibration. Needs oriented images.",
-        Stage::Identify => "Names the plain targets by multi-ray intersection, in passes. Needs oriented images.",
-        Stage::Adjust => "Final adjustment of everything, with the datum on the plain targets. Needs oriented images.",
+        Stage::Connect => {
+            "Orients the other images one by one from points known so far. Needs a first pair."
+        }
+        Stage::AdjustCodes => {
+            "Free-network adjustment of all code dots with self-calibration. Needs oriented images."
+        }
+        Stage::Identify => {
+            "Names the plain targets by multi-ray intersection, in passes. Needs oriented images."
+        }
+        Stage::Adjust => {
+            "Final adjustment of everything, with the datum on the plain targets. Needs oriented images."
+        }
     }
 }
 
 /// How far a stage is: counts where they say more than a word.
 fn state_of(network: &Network, stage: Stage) -> RichText {
     let used = network.used_images().count();
-    let detected = network.used_images().filter(|(_, i)| i.detections.is_some()).count();
+    let detected = network
+        .used_images()
+        .filter(|(_, i)| i.detections.is_some())
+        .count();
     let oriented = network.oriented_images().count();
     let counted = match stage {
         Stage::Detect => Some((detected, used)),
         Stage::Connect => Some((oriented, used)),
         _ => None,
     };
-    let outcome = network.conclusions.get(&stage).filter(|_| network.is_concluded(stage)).map(|c| c.outcome);
+    let outcome = network
+        .conclusions
+        .get(&stage)
+        .filter(|_| network.is_concluded(stage))
+        .map(|c| c.outcome);
     let word = outcome.map_or_else(|| "open".to_owned(), |outcome| outcome.to_string());
     let text = counted.map_or(word.clone(), |(done, all)| format!("{done}/{all} {word}"));
     match outcome {

@@ -8,6 +8,8 @@ mod values;
 
 pub(super) use rows::{INTERIOR_UNITS, LENGTHS};
 
+use std::collections::BTreeSet;
+
 use egui::{Button, Label, RichText, Sense, Shape, Stroke, TextStyle, TextWrapMode, Ui, vec2};
 use egui_extras::{Column, TableBuilder};
 
@@ -62,10 +64,20 @@ pub struct Tables {
     kind: TableKind,
     sorts: [Option<Sort>; TableKind::ALL.len()],
     filter: String,
+    rows: Rows,
     table: Cached<TableKind, Table>,
     order: Cached<(TableKind, Option<Sort>, String), Order>,
     /// The selection of the last frame: a new one is scrolled to.
     selected: Selection,
+}
+
+/// Which rows.
+#[derive(Clone, Copy, Default, PartialEq, Eq)]
+enum Rows {
+    #[default]
+    All,
+    /// Those of the points of the last box select.
+    Group,
 }
 
 /// What a frame of a table asks for.
@@ -86,6 +98,7 @@ impl Tables {
     pub fn ui(&mut self, ui: &mut Ui, context: &ViewContext<'_>, actions: &mut Vec<Action>) {
         let network = context.network;
         let copy = self.bar(ui);
+        self.group_bar(ui, context, actions);
         let kind = self.kind;
         let sort = self.sorts[kind as usize];
         let table = self
@@ -95,6 +108,17 @@ impl Tables {
         let order = self
             .order
             .get(network, key, |(_, sort, filter)| table.order(*sort, filter));
+        let within: Order;
+        let order = if self.rows == Rows::Group && !context.group.is_empty() {
+            let of_group = |row: &&u32| {
+                let point = table.rows[**row as usize].selection.point;
+                point.is_some_and(|point| context.group.contains(&point))
+            };
+            within = order.iter().filter(of_group).copied().collect();
+            &within
+        } else {
+            order
+        };
         if copy {
             ui.ctx().copy_text(as_text(table, order));
         }
@@ -118,6 +142,23 @@ impl Tables {
             self.selected = selection(row);
             actions.push(Action::Select(selection(row)));
         }
+    }
+
+    /// What is to be done with the points of a box select.
+    fn group_bar(&mut self, ui: &mut Ui, context: &ViewContext<'_>, actions: &mut Vec<Action>) {
+        if context.group.is_empty() {
+            return;
+        }
+        ui.horizontal(|ui| {
+            let mut only = self.rows == Rows::Group;
+            let text = format!("Only the {} points of the box", context.group.len());
+            if ui.checkbox(&mut only, text).changed() {
+                self.rows = if only { Rows::Group } else { Rows::All };
+            }
+            if ui.button("Let the box go").clicked() {
+                actions.push(Action::Group(BTreeSet::new()));
+            }
+        });
     }
 
     /// Which table, filter and copy; answers whether to copy.

@@ -1,0 +1,148 @@
+//! Making a project from what the operator has: pictures and the files beside them.
+
+use std::fs;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use super::files::{FileError, read_bars, read_cameras, read_control, read_cross, read_targets};
+use super::intake::{IntakeError, add_cameras, add_images};
+use super::session::{Session, folder_of};
+use super::storage::StorageError;
+use crate::network::Network;
+use crate::targets::Family;
+
+/// What a new project is made of.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ProjectPlan {
+    /// Project file to make.
+    pub project: PathBuf,
+    /// Image files, or folders of images.
+    pub images: Vec<PathBuf>,
+    /// Camera files.
+    pub cameras: Vec<PathBuf>,
+    /// Sizes of the targets.
+    pub targets: Option<PathBuf>,
+    /// Points of the reference cross.
+    pub cross: Option<PathBuf>,
+    /// Scale bars.
+    pub bars: Option<PathBuf>,
+    /// Points with known coordinates.
+    pub control: Option<PathBuf>,
+    /// Code families.
+    pub families: Vec<Family>,
+}
+
+impl ProjectPlan {
+    /// A project of pictures alone: cameras from their EXIF data, the usual codes.
+    #[must_use]
+    pub fn of_images(project: PathBuf, images: Vec<PathBuf>) -> Self {
+        Self {
+            project,
+            images,
+            cameras: Vec::new(),
+            targets: None,
+            cross: None,
+            bars: None,
+            control: None,
+            families: vec![Family::Dot420],
+        }
+    }
+}
+
+/// Why a project was not made, in one line.
+#[derive(Debug, thiserror::Error)]
+pub enum MakingError {
+    /// A project never overwrites a file.
+    #[error("{}: found an existing file, expected the name of a new project", project.display())]
+    Exists {
+        /// The project file.
+        project: PathBuf,
+    },
+    /// A file beside the pictures is bad.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// A picture cannot be taken in.
+    #[error(transparent)]
+    Intake(#[from] IntakeError),
+    /// The project file cannot be written.
+    #[error(transparent)]
+    Storage(#[from] StorageError),
+}
+
+/// Makes a project; nothing is written where any of the files is bad. Reads every picture once, so it may take long.
+///
+/// # Errors
+/// [`MakingError`] for a bad file, an existing project, a picture given twice or of another size than the cameras.
+pub fn make(plan: &ProjectPlan) -> Result<Session, MakingError> {
+    // Before any picture is looked at; `Session::create` would see it too.
+    if fs::symlink_metadata(&plan.project).is_ok() {
+        return Err(MakingError::Exists {
+            project: plan.project.clone(),
+        });
+    }
+    let mut network = Network::default();
+    let settings = Arc::make_mut(&mut network.settings);
+    settings.families = plan.families.clone();
+    settings.families.sort_unstable();
+    settings.families.dedup();
+    if let Some(targets) = &plan.targets {
+        settings.targets = read_targets(targets)?;
+    }
+    if let Some(cross) = &plan.cross {
+        network.device = Arc::new(read_cross(cross)?);
+    }
+    if let Some(bars) = &plan.bars {
+        network.scale_bars = Arc::new(read_bars(bars, &network.device)?);
+    }
+    if let Some(control) = &plan.control {
+        network.control = Arc::new(read_control(control, &network.device)?);
+    }
+    for camera in &plan.cameras {
+        add_cameras(&mut network, &read_cameras(camera)?);
+    }
+    add_images(&mut network, &folder_of(&plan.project), &plan.images)?;
+    Ok(Session::create(&plan.project, network)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::project::sample_folder::Folder;
+
+    #[test]
+    fn a_project_of_pictures_alone_is_made_once() {
+        let folder = Folder::new("making");
+        for (name, grey) in [("a.pgm", 1), ("b.pgm", 2)] {
+            folder.picture(&format!("images/{name}"), grey);
+        }
+        let plan = ProjectPlan::of_images(folder.at("p.tiepoint"), vec![folder.at("images")]);
+        let session = make(&plan).unwrap();
+        let paths = session.network().images.values();
+        let paths: Vec<&str> = paths.map(|image| image.file.path.as_str()).collect();
+        assert_eq!(paths, ["images/a.pgm", "images/b.pgm"]);
+        drop(session);
+        let again = make(&plan).map(drop).unwrap_err();
+        assert!(matches!(again, MakingError::Exists { .. }), "{again}");
+    }
+
+    #[test]
+    fn a_bad_file_is_one_line_and_leaves_nothing_behind() {
+        let folder = Folder::new("making-bad");
+        folder.picture("a.pgm", 1);
+        let bars = folder.write("bars.csv", b"name,from\n");
+        let images = ProjectPlan::of_images(folder.at("p.tiepoint"), vec![folder.at("a.pgm")]);
+        let bad_bars = ProjectPlan {
+            bars: Some(bars),
+            ..images.clone()
+        };
+        let bad_image = ProjectPlan {
+            images: vec![folder.at("none.pgm")],
+            ..images
+        };
+        for (plan, named) in [(bad_bars, "bars.csv"), (bad_image, "none.pgm")] {
+            let line = make(&plan).map(drop).unwrap_err().to_string();
+            assert!(line.contains(named) && !line.contains('\n'), "{line}");
+        }
+        assert_eq!(folder.names("."), ["a.pgm", "bars.csv"]);
+    }
+}
