@@ -284,6 +284,12 @@ impl Session {
         self.saver.saving()
     }
 
+    /// How many steps and edits are on the disk that were not when the project was opened; undo and redo count too.
+    #[must_use]
+    pub fn changes_saved(&self) -> u64 {
+        self.saver.saved()
+    }
+
     /// Has `wake` called whenever [`Self::saving`] may say something else; it is called on the saving thread.
     pub fn on_saved(&mut self, wake: impl Fn() + Send + 'static) {
         self.saver.on_saved(wake);

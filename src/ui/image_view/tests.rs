@@ -51,8 +51,10 @@ fn scene() -> &'static Scene {
             source: InteriorSource::CameraFile,
             exif_model: None,
         };
-        let mut network = Network::default();
-        network.cameras = Arc::new(BTreeMap::from([(CameraId(1), Arc::new(camera))]));
+        let mut network = Network {
+            cameras: Arc::new(BTreeMap::from([(CameraId(1), Arc::new(camera))])),
+            ..Network::default()
+        };
         let mut pictures = BTreeMap::new();
         let mut images = BTreeMap::new();
         for (number, station) in (1..).zip(experiment.stations.iter().take(3)) {

@@ -69,7 +69,7 @@ fn a_dot_near_a_missing_target_is_offered_its_name() {
     Arc::make_mut(&mut network.points).insert(point, Arc::new(missing));
     assert!(of_kind(&network, ReviewKind::UnnamedDot).is_empty());
     with_dot(&mut network, 4, |dot| {
-        dot.centre_px = place + Vector2::new(0.6, 0.8)
+        dot.centre_px = place + Vector2::new(0.6, 0.8);
     });
     let items = of_kind(&network, ReviewKind::UnnamedDot);
     let (image, dot) = (ImageId(1), DotIndex(4));
