@@ -71,7 +71,7 @@ fn agrees_with_minimum_constraints(problem: &BundleProblem) {
         // The dense reference itself carries some 1e-10 of the largest variance.
         assert!(error <= 1e-8 * size, "{what}: {error:e} of {size:e}");
     };
-    let largest = |blocks: &[DMatrix<f64>]| blocks.iter().map(|b| b.amax()).fold(0.0, f64::max);
+    let largest = |blocks: &[DMatrix<f64>]| blocks.iter().map(DMatrix::amax).fold(0.0, f64::max);
     let points: Vec<DMatrix<f64>> = adjustment
         .points
         .iter()

@@ -27,7 +27,10 @@ use crate::geometry::Similarity;
 pub use camera::{CameraEntry, CameraId, InteriorSource};
 pub use connectivity::{CODES_TO_CONNECT, Code, Connectivity, ImageConnectivity};
 pub use frame::{Frame, FrameProblem, FrameResult};
-pub use image::{Attempt, ImageEntry, ImageFile, ImageId, ImageUse, Label, Source, Station};
+pub use image::{
+    Attempt, ImageEntry, ImageFile, ImageId, ImageUse, Label, REJECTED_BY_OPERATOR,
+    SET_ASIDE_BY_OPERATOR, Source, Station,
+};
 pub use label::{CodeDot, PointId, PointKind, UnknownLabel};
 pub use result::{
     AdjustedObservation, AdjustmentResult, BarResult, CameraResult, IdentificationPass, Point,
@@ -135,7 +138,7 @@ pub struct Network {
     pub adjustment: Option<Arc<AdjustmentResult>>,
     /// Counts changes of inputs (images, detections, the operator's decisions, settings), never of estimates.
     pub inputs: u64,
-    /// The number the next plain target gets.
+    /// The highest number that was given to a plain target; the next one gets a higher one.
     pub next_target: u32,
 }
 

@@ -94,6 +94,8 @@ struct State {
     waiting: Vec<Waiting>,
     /// How many are being written.
     under_way: usize,
+    /// How many were written since the project was opened.
+    saved: u64,
     /// Whether the thread works.
     is_busy: bool,
     /// Whether an attempt was asked for that has not begun.
@@ -176,6 +178,11 @@ impl Saver {
             (None, 0) => Saving::Saved,
             (None, steps) => Saving::Behind { steps },
         }
+    }
+
+    /// How many steps and edits were put on the disk since the project was opened.
+    pub(super) fn saved(&self) -> u64 {
+        self.shared.state().saved
     }
 
     /// Waits until all is on the disk; tries once more what failed before.
@@ -316,6 +323,7 @@ fn next(shared: &Shared) -> Work {
 /// Puts back what could not be saved and lets those go on who wait.
 fn settle(shared: &Shared, left: Vec<Waiting>, error: Option<StorageError>) {
     let mut state = shared.state();
+    state.saved += (state.under_way - left.len()) as u64;
     let later = std::mem::replace(&mut state.waiting, left);
     state.waiting.extend(later);
     state.under_way = 0;

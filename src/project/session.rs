@@ -66,7 +66,8 @@ pub struct Computed {
     result: Stepped,
 }
 
-/// A step with what it means for its stage, so that taking it over is quick.
+/// A step with what it means for its stage, so that taking it over is quick. One at a time is under way.
+#[expect(clippy::large_enum_variant, reason = "there is one, and it is moved twice")]
 enum Stepped {
     /// The operator stopped it before anything was finished.
     Interrupted,
@@ -281,6 +282,12 @@ impl Session {
     #[must_use]
     pub fn saving(&self) -> Saving {
         self.saver.saving()
+    }
+
+    /// How many steps and edits are on the disk that were not when the project was opened; undo and redo count too.
+    #[must_use]
+    pub fn changes_saved(&self) -> u64 {
+        self.saver.saved()
     }
 
     /// Has `wake` called whenever [`Self::saving`] may say something else; it is called on the saving thread.

@@ -97,7 +97,6 @@ fn image(number: u32, dots: u32) -> ImageEntry {
     };
     let mut image = ImageEntry::new(file, CameraId(1));
     image.detections = Some(Arc::new(Detections {
-        by_hand: Vec::new(),
         width_px: 3008,
         height_px: 1960,
         dots: (0..dots).map(dot).collect(),
@@ -109,6 +108,7 @@ fn image(number: u32, dots: u32) -> ImageEntry {
             doubt: None,
         }],
         rejected: Vec::new(),
+        by_hand: Vec::new(),
     }));
     image
 }

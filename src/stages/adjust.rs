@@ -9,7 +9,10 @@ use super::lens::{IMAGES_FOR_ALL, LensFreedom, images_of_cameras};
 use super::scale::{
     align_to_control, apply_frame, bars_in_reach, keep_frame, leave_frame, transform,
 };
-use super::set_aside::{OF_OTHER_SHAPE, codes_set_aside, set_code_aside};
+use super::set_aside::{
+    OF_OTHER_SHAPE, codes_set_aside, intersect_operators_points, operators_labels_not_used,
+    set_code_aside,
+};
 use super::{Halt, StageError};
 use crate::adjustment::{AdjustmentError, BundleSettings, RobustAdjustment};
 use crate::geometry::ThreeTwoOne;
@@ -62,6 +65,7 @@ pub(super) fn run(network: &mut Network, stage: Stage, monitor: &Monitor) -> Res
 /// the frame that the operator asked for.
 pub(super) fn adjust(network: &mut Network, stage: Stage, monitor: &Monitor) -> Result<(), Halt> {
     restore_rejected(network);
+    intersect_operators_points(network);
     let mut frame = FrameResult::default();
     if stage == Stage::Adjust {
         leave_frame(network);
@@ -165,7 +169,11 @@ fn set_contradicted_codes_aside(network: &mut Network) {
                 set_code_aside(image, Family::Dot420, code, OF_OTHER_SHAPE);
             }
         }
-        Arc::make_mut(&mut network.points).retain(|point, _| !of_code(*point));
+        // Where the operator says that it is this code, its names stay and the adjustment tests them.
+        let stays = |id| network.images[id].labels.values().any(|l| of_code(l.point));
+        if !ids.iter().any(stays) {
+            Arc::make_mut(&mut network.points).retain(|point, _| !of_code(*point));
+        }
     }
 }
 
@@ -255,6 +263,7 @@ pub(super) fn findings(network: &Network, stage: Stage) -> Vec<Finding> {
         });
     }
     findings.extend(codes_set_aside(network, stage, OF_OTHER_SHAPE));
+    findings.extend(operators_labels_not_used(network, stage));
     findings.extend(doubtful_images(network, stage));
     findings
 }

@@ -16,7 +16,7 @@ use crate::monitor::Monitor;
 use crate::network::{
     AdjustedObservation, AdjustmentResult, Attempt, BarResult, BarRole, CameraId, CameraResult,
     ControlRole, FrameResult, ImageEntry, ImageId, Network, Point, PointId, PointKind, ScaleSource,
-    Source, Stage, Standing, Station,
+    Stage, Standing, Station,
 };
 use crate::targets::DotIndex;
 
@@ -461,7 +461,7 @@ pub(super) fn restore_rejected(network: &mut Network) {
             .any(|l| l.rejected.is_some());
         if touched {
             for label in Arc::make_mut(&mut network.image_mut(id).labels).values_mut() {
-                if label.source == Source::Automatic {
+                if !label.is_rejected_by_operator() {
                     label.rejected = None;
                 }
             }

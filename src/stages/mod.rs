@@ -8,6 +8,7 @@
 
 mod adjust;
 mod bundle;
+mod by_hand;
 mod code_shape;
 mod connect;
 mod detect;

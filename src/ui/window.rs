@@ -1,7 +1,9 @@
 //! Opening the window, and saying in one line why it cannot be opened.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::panic::{AssertUnwindSafe, PanicHookInfo, catch_unwind, resume_unwind, set_hook};
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use eframe::egui;
 
@@ -28,16 +30,29 @@ pub enum WindowError {
     #[error("found no display (neither DISPLAY nor WAYLAND_DISPLAY leads to one)")]
     NoDisplay,
     /// A driver or library is missing.
-    #[error("the window could not start: {found}; expected the Debian packages {packages}")]
+    #[error("the window could not start: {found}; expected what Debian has in {packages}")]
     Missing {
         /// What was found.
         found: String,
         /// Packages that provide what is missing.
         packages: &'static str,
     },
+    /// Something else is wrong.
+    #[error("the window could not start: {0}")]
+    Failed(String),
 }
 
-/// Libraries that windowing systems are reached through.
+/// Libraries through which X is reached, and the Debian packages that hold them.
+const X_LIBRARIES: [(&str, &str); 6] = [
+    ("libX11-xcb", "libx11-xcb1"),
+    ("libX11", "libx11-6"),
+    ("libXcursor", "libxcursor1"),
+    ("libXi", "libxi6"),
+    ("libxkbcommon-x11", "libxkbcommon-x11-0"),
+    ("libxkbcommon", "libxkbcommon0"),
+];
+
+/// All of them, where the message names none.
 const X_PACKAGES: &str = "libx11-6 libx11-xcb1 libxcursor1 libxi6 libxkbcommon-x11-0";
 
 /// Drivers that draw.
@@ -65,49 +80,110 @@ pub fn open(beginning: Beginning) -> Result<(), WindowError> {
         ..eframe::NativeOptions::default()
     };
     // A missing library of the X keyboard is a panic in a dependency; a printed backtrace would say nothing to anybody.
-    let hook = std::panic::take_hook();
+    let usual = Arc::new(Mutex::new(Some(std::panic::take_hook())));
     std::panic::set_hook(Box::new(|_| {}));
-    let started = std::sync::Arc::new(std::sync::atomic::AtomicBool::new(false));
-    let flag = std::sync::Arc::clone(&started);
-    let hook = std::sync::Mutex::new(Some(hook));
+    let started = Arc::new(AtomicBool::new(false));
+    let (flag, hook) = (Arc::clone(&started), Arc::clone(&usual));
     let result = catch_unwind(AssertUnwindSafe(|| {
         eframe::run_native(
             "tiepoint",
             options,
             Box::new(move |creation| {
-                flag.store(true, std::sync::atomic::Ordering::SeqCst);
-                if let Some(hook) = hook.lock().ok().and_then(|mut hook| hook.take()) {
-                    std::panic::set_hook(hook);
-                }
+                flag.store(true, Ordering::SeqCst);
+                put_back(&hook);
                 let app = App::new(creation, beginning)?;
                 Ok(Box::new(app.remembering(state_folder())))
             }),
         )
     }));
+    put_back(&usual);
     match result {
         Ok(Ok(())) => Ok(()),
-        Ok(Err(eframe::Error::WinitEventLoop(_))) => Err(WindowError::NoDisplay),
-        Ok(Err(error)) => Err(WindowError::Missing {
-            found: one_line(&error.to_string()),
-            packages: DRIVER_PACKAGES,
-        }),
-        Err(payload) if started.load(std::sync::atomic::Ordering::SeqCst) => {
-            std::panic::resume_unwind(payload)
-        }
+        Ok(Err(error)) => Err(reason(&error)),
+        Err(payload) if started.load(Ordering::SeqCst) => resume_unwind(payload),
         Err(payload) => {
-            let said = payload
-                .downcast_ref::<String>()
-                .map(String::as_str)
-                .or_else(|| payload.downcast_ref::<&str>().copied())
-                .unwrap_or("a library is missing");
-            Err(WindowError::Missing {
-                found: one_line(said),
-                packages: X_PACKAGES,
-            })
+            let said = payload.downcast_ref::<String>().map(String::as_str);
+            let said = said.or_else(|| payload.downcast_ref::<&str>().copied());
+            Err(missing_library(said.unwrap_or("a library is missing")))
         }
     }
 }
 
+type Hook = Box<dyn Fn(&PanicHookInfo<'_>) + Send + Sync>;
+
+/// From here on a panic is printed again.
+fn put_back(hook: &Mutex<Option<Hook>>) {
+    if let Some(hook) = hook.lock().unwrap_or_else(PoisonError::into_inner).take() {
+        set_hook(hook);
+    }
+}
+
+/// What the window's maker says, in our words.
+fn reason(error: &eframe::Error) -> WindowError {
+    let said = error.to_string();
+    match error {
+        // The same error stands for "no display" and for "no library to reach one"; only its text tells.
+        eframe::Error::WinitEventLoop(_) if said.contains("opening library failed") => {
+            missing_library(&said)
+        }
+        eframe::Error::WinitEventLoop(_) => WindowError::NoDisplay,
+        eframe::Error::Wgpu(_) => WindowError::Missing {
+            found: "found no Vulkan or OpenGL driver that draws in a window".into(),
+            packages: DRIVER_PACKAGES,
+        },
+        _ => WindowError::Failed(one_line(&said)),
+    }
+}
+
+fn missing_library(said: &str) -> WindowError {
+    let known = X_LIBRARIES
+        .iter()
+        .find(|(library, _)| said.contains(&format!("{library}.so")));
+    match known {
+        Some((library, package)) => WindowError::Missing {
+            found: format!("found no usable {library}.so"),
+            packages: package,
+        },
+        None => WindowError::Missing {
+            found: one_line(said),
+            packages: X_PACKAGES,
+        },
+    }
+}
+
 fn one_line(text: &str) -> String {
-    text.split_whitespace().collect::<Vec<_>>().join(" ")
+    let words: Vec<&str> = text.split_whitespace().collect();
+    words.join(" ").trim_end_matches('.').to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_missing_library_is_told_by_its_package() {
+        for (said, package) in [
+            (
+                "opening library failed (libX11.so.6: cannot open shared object file)",
+                "libx11-6",
+            ),
+            (
+                "opening library failed (libX11-xcb.so.1: file too short)",
+                "libx11-xcb1",
+            ),
+            (
+                "Library libxkbcommon-x11.so could not be loaded.",
+                "libxkbcommon-x11-0",
+            ),
+            (
+                "Library libxkbcommon.so could not be loaded.",
+                "libxkbcommon0",
+            ),
+            ("something else\nis missing.", X_PACKAGES),
+        ] {
+            let line = missing_library(said).to_string();
+            assert!(line.ends_with(&format!(" {package}")), "{line}");
+            assert_eq!(line.lines().count(), 1);
+        }
+    }
 }

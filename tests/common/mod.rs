@@ -228,6 +228,11 @@ impl Folder {
         self.write(&format!("images/{name}"), bytes);
     }
 
+    /// The folder.
+    pub fn path(&self) -> &Path {
+        &self.0
+    }
+
     /// The path of a file in the folder.
     pub fn at(&self, name: &str) -> PathBuf {
         self.0.join(name)

@@ -13,6 +13,7 @@ mod palette;
 mod panes;
 mod sight;
 mod start;
+mod title;
 
 use std::collections::{BTreeSet, VecDeque};
 use std::path::PathBuf;
@@ -84,6 +85,8 @@ pub struct App {
     palette: Palette,
     start: Start,
     forms: forms::Forms,
+    /// What the window's frame says.
+    title: title::Title,
     /// Answers of dialogs, which run on threads of their own.
     answers: Receiver<Action>,
     ask: Sender<Action>,
@@ -157,6 +160,7 @@ impl App {
             palette: Palette::default(),
             start: Start::default(),
             forms: forms::Forms::default(),
+            title: title::Title::default(),
             answers,
             ask,
         };
@@ -278,6 +282,7 @@ impl App {
 impl eframe::App for App {
     fn logic(&mut self, context: &Context, _frame: &mut eframe::Frame) {
         self.take_over(context);
+        self.show_title(context);
     }
 
     fn ui(&mut self, ui: &mut egui::Ui, _frame: &mut eframe::Frame) {

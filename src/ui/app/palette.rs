@@ -270,6 +270,8 @@ impl Palette {
         field.request_focus();
         if field.changed() {
             self.chosen = 0;
+            // What it finds is known at the next frame.
+            ui.ctx().request_repaint();
         }
         let last = entries.len().saturating_sub(1);
         self.chosen = match (up, down) {

@@ -74,6 +74,7 @@ fn a_save_writes_only_what_changed() {
     image.labels = Arc::default();
     image.set_aside = Arc::default();
     image.unlabelled = Arc::default();
+    image.rejected_dots = Arc::default();
     // Image 0 is written; its detections and marks, the three rows of image 1, a point and the adjustment go.
     let expected = Saved {
         rows_written: 1,
