@@ -1,5 +1,6 @@
 //! The window in a test, and projects for it at three times of the measurement.
 
+use std::collections::BTreeMap;
 use std::convert::Infallible;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
@@ -21,7 +22,7 @@ use crate::common::{Folder, NEW};
 
 /// Frames after which a test gives up waiting: with its pause a frame takes some milliseconds, a measurement of the small
 /// scene some hundred frames.
-const MOST_FRAMES: usize = 20_000;
+pub(crate) const MOST_FRAMES: usize = 20_000;
 
 /// Between two frames, so that the workers have the processor.
 const PAUSE: Duration = Duration::from_millis(3);
@@ -348,4 +349,34 @@ pub(crate) fn targets_of(network: &Network, image: ImageId) -> Vec<Seen> {
 pub(crate) fn first_image(bench: &Bench) -> ImageId {
     let mut views = bench.app().image_views();
     views.next().expect("an image panel").image
+}
+
+/// Takes a dot out of an image, as if detection had not found it; the last dot gets its place.
+pub(crate) fn miss(network: &mut Network, seen: Seen) {
+    network.adjustment = None;
+    let dot = seen.dot;
+    let entry = network.image_mut(seen.image);
+    let detections = Arc::make_mut(entry.detections.as_mut().expect("detections"));
+    let last = DotIndex(detections.dots.len() as u32 - 1);
+    detections.dots.swap_remove(dot.slot());
+    let moved = |old: DotIndex| if old == last { dot } else { old };
+    for code in &mut detections.codes {
+        code.dots.iter_mut().for_each(|dot| *dot = moved(*dot));
+    }
+    let labels = entry.labels.iter().filter(|(old, _)| **old != dot);
+    let labels: BTreeMap<_, _> = labels.map(|(old, l)| (moved(*old), l.clone())).collect();
+    let reasons = entry.unlabelled.iter().filter(|(old, _)| **old != dot);
+    let reasons: BTreeMap<_, _> = reasons.map(|(old, r)| (moved(*old), r.clone())).collect();
+    entry.labels = Arc::new(labels);
+    entry.unlabelled = Arc::new(reasons);
+}
+
+/// The dot of the image that carries this point's name, and whether it was measured by hand.
+pub(crate) fn dot_of(network: &Network, missed: Seen) -> Option<(Vector2<f64>, bool)> {
+    let entry = &network.images[&missed.image];
+    let detections = entry.detections.as_ref()?;
+    let mut labels = entry.labels.iter();
+    let (dot, _) = labels.find(|(_, label)| label.point == missed.point)?;
+    let place = detections.dots.get(dot.slot())?.centre_px;
+    Some((place, detections.by_hand.contains(dot)))
 }

@@ -1,16 +1,11 @@
 //! Fixing by hand: every kind of edit by its keys, taken back and done again.
 
-use std::collections::BTreeMap;
-use std::sync::Arc;
-
 use egui::{Key, Modifiers, Pos2, vec2};
 use egui_kittest::kittest::Queryable as _;
-use nalgebra::Vector2;
-use tiepoint::network::{ImageEntry, ImageUse, Network, PointId, Source};
+use tiepoint::network::{ImageUse, Network, PointId, Source};
 use tiepoint::project::edit::REJECTED_BY_OPERATOR;
-use tiepoint::targets::DotIndex;
 
-use crate::bench::{Begun, Bench, Seen, first_image, folder, prepare, targets_of};
+use crate::bench::{Begun, Bench, Seen, dot_of, first_image, folder, miss, prepare, targets_of};
 use crate::common::{Folder, IMAGES};
 
 /// A measured project, a window with it, and the pointer on a plain target of the first image, near by.
@@ -78,35 +73,6 @@ fn a_label_is_found_by_typing() {
     assert!(*bench.network() == *network);
 }
 
-/// Takes a dot out of an image, as if detection had not found it; the last dot gets its place.
-fn miss(network: &mut Network, dot: DotIndex, entry: impl Fn(&mut Network) -> &mut ImageEntry) {
-    network.adjustment = None;
-    let entry = entry(network);
-    let detections = Arc::make_mut(entry.detections.as_mut().expect("detections"));
-    let last = DotIndex(detections.dots.len() as u32 - 1);
-    detections.dots.swap_remove(dot.slot());
-    let moved = |old: DotIndex| if old == last { dot } else { old };
-    for code in &mut detections.codes {
-        code.dots.iter_mut().for_each(|dot| *dot = moved(*dot));
-    }
-    let labels = entry.labels.iter().filter(|(old, _)| **old != dot);
-    let labels: BTreeMap<_, _> = labels.map(|(old, l)| (moved(*old), l.clone())).collect();
-    let reasons = entry.unlabelled.iter().filter(|(old, _)| **old != dot);
-    let reasons: BTreeMap<_, _> = reasons.map(|(old, r)| (moved(*old), r.clone())).collect();
-    entry.labels = Arc::new(labels);
-    entry.unlabelled = Arc::new(reasons);
-}
-
-/// The dot of the image that carries this point's name, and whether it was measured by hand.
-fn dot_of(network: &Network, missed: Seen) -> Option<(Vector2<f64>, bool)> {
-    let entry = &network.images[&missed.image];
-    let detections = entry.detections.as_ref()?;
-    let mut labels = entry.labels.iter();
-    let (dot, _) = labels.find(|(_, label)| label.point == missed.point)?;
-    let place = detections.dots.get(dot.slot())?.centre_px;
-    Some((place, detections.by_hand.contains(dot)))
-}
-
 #[test]
 fn a_target_that_detection_missed_is_measured_where_the_operator_clicks() {
     let folder = folder("add", Begun::Measured);
@@ -114,7 +80,7 @@ fn a_target_that_detection_missed_is_measured_where_the_operator_clicks() {
     prepare(&folder, |network| {
         let image = *network.images.keys().next().expect("an image");
         let seen = targets_of(network, image)[0];
-        miss(network, seen.dot, |network| network.image_mut(image));
+        miss(network, seen);
         missed = Some(seen);
     });
     let missed = missed.expect("a target that is missed");

@@ -4,78 +4,111 @@ use std::sync::Arc;
 
 use egui::{Key, Modifiers};
 use egui_kittest::kittest::Queryable as _;
-use tiepoint::network::{Label, Source};
+use tiepoint::network::{ImageId, Network, Source};
 use tiepoint::project::edit::REJECTED_BY_OPERATOR;
-use tiepoint::ui::panels::review::{ReviewKind, review_items};
+use tiepoint::ui::panels::review::{ReviewItem, ReviewKind, review_items};
 
-use crate::bench::{Begun, Bench, Seen, first_image, folder, prepare, targets_of};
+use crate::bench::{
+    Begun, Bench, MOST_FRAMES, Seen, dot_of, first_image, folder, miss, prepare, targets_of,
+};
+
+/// Rejects a target in each of two images, as the test of the adjustment would.
+fn reject_two(network: &mut Network) -> [Seen; 2] {
+    let images: Vec<ImageId> = network.images.keys().copied().take(2).collect();
+    [images[0], images[1]].map(|image| {
+        let seen = targets_of(network, image)[2];
+        let labels = Arc::make_mut(&mut network.image_mut(image).labels);
+        let label = labels.get_mut(&seen.dot).expect("its label");
+        label.rejected = Some("residual 3.0 px".into());
+        seen
+    })
+}
+
+/// Shows the review queue and goes on to its first item of a kind; returns its place and all items.
+fn review(bench: &mut Bench, kind: ReviewKind) -> (usize, Vec<ReviewItem>) {
+    let items = review_items(&bench.network());
+    let place = items.iter().position(|item| item.kind == kind);
+    let place = place.expect("an item of this kind");
+    bench.keys(Modifiers::ALT, Key::Num2);
+    bench.rest();
+    assert!(bench.has(&format!("item 1 of {}", items.len())));
+    for _ in 0..place {
+        bench.key(Key::N);
+    }
+    assert!(bench.has(&format!("item {} of {}", place + 1, items.len())));
+    (place, items)
+}
 
 #[test]
 fn the_review_queue_is_walked_through_by_one_key_each() {
     let folder = folder("review", Begun::Measured);
-    let mut doubtful: Vec<Seen> = Vec::new();
-    prepare(&folder, |network| {
-        let images: Vec<_> = network.images.keys().copied().collect();
-        for image in images.into_iter().take(2) {
-            let seen = targets_of(network, image)[2];
-            let labels = &mut network.image_mut(image).labels;
-            let label: &mut Label = Arc::make_mut(labels).get_mut(&seen.dot).expect("a label");
-            label.rejected = Some("residual 3.0 px".into());
-            doubtful.push(seen);
-        }
-    });
+    let mut doubtful = None;
+    prepare(&folder, |network| doubtful = Some(reject_two(network)));
+    let doubtful = doubtful.expect("two rejected targets");
     let mut bench = Bench::open(&folder.at("p.tiepoint"));
-    let items = review_items(&bench.network());
-    let rejected = |seen: Seen| {
-        let of = |item: &&_| {
-            let item: &&tiepoint::ui::panels::review::ReviewItem = item;
-            item.kind == ReviewKind::RejectedObservation
-                && item.about.dot == Some((seen.image, seen.dot))
-        };
-        items.iter().find(of).expect("it is in the queue")
-    };
-    let first = items
-        .iter()
-        .position(|item| item.kind == ReviewKind::RejectedObservation)
-        .expect("two of them");
-    bench.keys(Modifiers::ALT, Key::Num2);
-    bench.rest();
-    assert!(bench.has(&format!("item 1 of {}", items.len())));
-    for _ in 0..=first {
-        bench.key(Key::N);
-    }
+    let (place, items) = review(&mut bench, ReviewKind::RejectedObservation);
+    bench.key(Key::N);
+    assert_eq!(*bench.app().selection(), items[place + 1].about);
     bench.key(Key::Backspace);
-    assert!(bench.has(&format!("item {} of {}", first + 1, items.len())));
-    assert_eq!(*bench.app().selection(), items[first].about, "in all views");
+    assert_eq!(*bench.app().selection(), items[place].about, "in all views");
+    let of = |item: &ReviewItem| {
+        let mut both = doubtful.into_iter();
+        both.find(|seen| item.about.dot == Some((seen.image, seen.dot)))
+            .expect("one of the two")
+    };
+    let [first, second] = [of(&items[place]), of(&items[place + 1])];
 
-    // Accepting restores.
-    let seen = doubtful
-        .iter()
-        .find(|seen| items[first].about.dot == Some((seen.image, seen.dot)));
-    let seen = *seen.expect("one of the two");
+    // Accepting restores, and the next comes.
     let before = bench.network();
     bench.key(Key::Space);
-    let label = seen.label(&bench.network()).cloned().expect("its name");
-    assert_eq!((label.rejected, label.source), (None, Source::Operator));
     bench.rest();
-    assert!(bench.has(&format!("item {} of {}", first + 1, items.len() - 1)));
+    let label = first.label(&bench.network()).cloned().expect("its name");
+    assert_eq!((label.rejected, label.source), (None, Source::Operator));
+    assert!(bench.has(&format!("item {} of {}", place + 1, items.len() - 1)));
+    assert_eq!(*bench.app().selection(), items[place + 1].about);
     bench.undo_and_redo(&before);
     bench.rest();
 
     // The next is rejected for good.
-    let next = *doubtful
-        .iter()
-        .find(|other| other.dot != seen.dot || other.image != seen.image)
-        .expect("the other");
-    assert_eq!(*bench.app().selection(), rejected(next).about);
     let before = bench.network();
     bench.key(Key::X);
-    let label = next.label(&bench.network()).cloned().expect("its name");
-    assert_eq!(label.rejected.as_deref(), Some(REJECTED_BY_OPERATOR));
-    bench.undo_and_redo(&before);
     bench.rest();
+    let label = second.label(&bench.network()).cloned().expect("its name");
+    assert_eq!(label.rejected.as_deref(), Some(REJECTED_BY_OPERATOR));
     let left = items.len() - 2;
-    assert!(bench.says(&format!(" of {left}")) || left == 0);
+    assert!(bench.has("Nothing is doubtful.") || bench.says(&format!(" of {left}")));
+    bench.undo_and_redo(&before);
+}
+
+#[test]
+fn a_missed_target_is_measured_and_named_by_one_key_of_the_review() {
+    let folder = folder("missed", Begun::Measured);
+    let mut missed = None;
+    prepare(&folder, |network| {
+        let image = *network.images.keys().next().expect("an image");
+        let seen = targets_of(network, image)[0];
+        miss(network, seen);
+        missed = Some(seen);
+    });
+    let missed = missed.expect("a missed target");
+    let mut bench = Bench::open(&folder.at("p.tiepoint"));
+    let (place, items) = review(&mut bench, ReviewKind::MissedTarget);
+    let of = |item: &ReviewItem| item.about.point == Some(missed.point);
+    let farther = items[place..].iter().position(of).expect("it is offered");
+    for _ in 0..farther {
+        bench.key(Key::N);
+    }
+    for _ in 0..MOST_FRAMES {
+        if !bench.says("Its picture is being read.") {
+            break;
+        }
+        bench.rest();
+    }
+    let before = bench.network();
+    bench.key(Key::Space);
+    let (place, by_hand) = dot_of(&bench.network(), missed).expect("a dot with its name");
+    assert!((place - missed.place_px).norm() < 0.05 && by_hand);
+    bench.undo_and_redo(&before);
 }
 
 #[test]
