@@ -67,7 +67,10 @@ pub struct Computed {
 }
 
 /// A step with what it means for its stage, so that taking it over is quick. One at a time is under way.
-#[expect(clippy::large_enum_variant, reason = "there is one, and it is moved twice")]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "there is one, and it is moved twice"
+)]
 enum Stepped {
     /// The operator stopped it before anything was finished.
     Interrupted,

@@ -231,6 +231,12 @@ impl Bench {
     /// Clicks at a place; the pointer stays there.
     pub(crate) fn click_at(&mut self, at: Pos2) {
         self.hover(at);
+        self.press_and_release(at);
+        self.settle();
+    }
+
+    /// Presses and releases the button of the pointer in the next two frames.
+    pub(crate) fn press_and_release(&self, at: Pos2) {
         for pressed in [true, false] {
             self.window.event(Event::PointerButton {
                 pos: at,
@@ -239,7 +245,6 @@ impl Bench {
                 modifiers: Modifiers::NONE,
             });
         }
-        self.settle();
     }
 
     /// Whether something has this label.

@@ -207,19 +207,3 @@ fn what_is_left_alone_comes_back_by_going_back() {
     bench.actions();
     at(&bench, place.unwrap() + 1, count);
 }
-
-#[test]
-fn a_missed_target_is_measured_within_a_frame() {
-    let (.., place) = with_a_missed_target();
-    let (found, empty) = (picture(Some(place)), picture(None));
-    for (name, picture) in [("found", found), ("empty", empty)] {
-        let start = std::time::Instant::now();
-        for _ in 0..50 {
-            assert!(crate::ui::image_view::MeasuredByHand::at(&picture, place, &[]).is_some());
-        }
-        eprintln!(
-            "measuring, {name}: {:.2} ms",
-            start.elapsed().as_secs_f64() * 20.0
-        );
-    }
-}
