@@ -1,6 +1,8 @@
 //! The parts of the table.
 
+use std::collections::BTreeSet;
 use std::fs;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use egui::{Event, Key, Modifiers, MouseWheelUnit, PointerButton, Pos2, pos2, vec2};
@@ -223,6 +225,7 @@ struct View {
     network: Network,
     pictures: PictureStore,
     selection: Selection,
+    group: Arc<BTreeSet<PointId>>,
 }
 
 impl View {
@@ -231,6 +234,7 @@ impl View {
             network: &view.network,
             pictures: &view.pictures,
             selection: &view.selection,
+            group: &view.group,
             pending: &[],
         };
         view.view.ui(ui, &context, &mut Vec::new());
@@ -243,6 +247,7 @@ pub(crate) fn frames_of_a_large_network(_: &Inputs) -> Vec<Row> {
         network: ring_of_stations(2000, 20_000),
         pictures: PictureStore::new(PictureSettings::default(), || {}).expect("threads"),
         selection: Selection::default(),
+        group: Arc::default(),
     };
     let mut harness = Harness::builder()
         .with_size([700.0, 600.0])
@@ -297,7 +302,7 @@ pub(crate) fn keys_for_missed_targets(inputs: &Inputs) -> Vec<Row> {
         let images: Vec<_> = session.network().used_images().map(|(id, _)| id).collect();
         let strip = |network: &mut Network| {
             for id in images.iter().take(MISSED) {
-                let labels = std::sync::Arc::make_mut(&mut network.image_mut(*id).labels);
+                let labels = Arc::make_mut(&mut network.image_mut(*id).labels);
                 let plain =
                     |label: &tiepoint::network::Label| matches!(label.point, PointId::Target(_));
                 let found = labels
