@@ -16,6 +16,7 @@ fn whole(step: &Step, network: &Network, rendered: &Rendered) -> Network {
 }
 
 /// What an interrupt left.
+#[expect(clippy::large_enum_variant, reason = "a test holds one")]
 enum Left {
     /// Nothing: the step never held the document.
     NoTrace,

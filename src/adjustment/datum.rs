@@ -66,6 +66,21 @@ impl FreeMotions {
         self.basis.ncols()
     }
 
+    /// The six rigid motions, whatever the observations notice.
+    pub(super) fn rigid(&self) -> Self {
+        Self {
+            basis: DMatrix::identity(7, 6),
+            ..*self
+        }
+    }
+
+    /// The six rigid motions followed by these.
+    pub(super) fn after_rigid(&self) -> Self {
+        let mut basis = DMatrix::identity(7, 6 + self.defect());
+        basis.columns_mut(6, self.defect()).copy_from(&self.basis);
+        Self { basis, ..*self }
+    }
+
     /// Whether the chosen datum takes exactly this freedom.
     pub(super) fn check(
         &self,
@@ -214,7 +229,7 @@ pub(super) fn move_onto_datum(
     Ok(())
 }
 
-fn apply(similarity: &Similarity, state: &mut State) {
+pub(super) fn apply(similarity: &Similarity, state: &mut State) {
     for point in &mut state.points {
         *point = similarity.apply(point);
     }

@@ -9,7 +9,11 @@ use super::simulation::{Simulated, bar, solve, toy};
 use super::*;
 
 /// Dense design matrix (whitened) at the adjusted state; columns as the layout's kept unknowns, then the other points.
-fn dense_design(problem: &BundleProblem, layout: &Layout, state: &State) -> DMatrix<f64> {
+pub(super) fn dense_design(
+    problem: &BundleProblem,
+    layout: &Layout,
+    state: &State,
+) -> DMatrix<f64> {
     let equations = Equations::at(problem, layout, state);
     let mut rows: Vec<DVector<f64>> = Vec::new();
     let unknowns = layout.unknowns();
@@ -57,7 +61,7 @@ fn dense_design(problem: &BundleProblem, layout: &Layout, state: &State) -> DMat
     DMatrix::from_fn(rows.len(), unknowns, |i, j| rows[i][j])
 }
 
-fn point_start(layout: &Layout, point: usize) -> usize {
+pub(super) fn point_start(layout: &Layout, point: usize) -> usize {
     if let PointRole::Kept { start } = layout.roles[point] {
         return start;
     }
@@ -66,7 +70,12 @@ fn point_start(layout: &Layout, point: usize) -> usize {
 }
 
 /// The constraint rows of the datum points, written down anew: shifts, turns and (with seven) the scale.
-fn dense_constraints(layout: &Layout, state: &State, points: &[usize], d: usize) -> DMatrix<f64> {
+pub(super) fn dense_constraints(
+    layout: &Layout,
+    state: &State,
+    points: &[usize],
+    d: usize,
+) -> DMatrix<f64> {
     let n = points.len() as f64;
     let centre: Vector3<f64> = points
         .iter()
@@ -94,7 +103,7 @@ fn dense_constraints(layout: &Layout, state: &State, points: &[usize], d: usize)
 }
 
 /// Cofactors by the bordered normal matrix [N G; G^T 0], whose inverse holds the free-network cofactor matrix.
-fn bordered_cofactor(a: &DMatrix<f64>, g: &DMatrix<f64>) -> DMatrix<f64> {
+pub(super) fn bordered_cofactor(a: &DMatrix<f64>, g: &DMatrix<f64>) -> DMatrix<f64> {
     let (u, d) = g.shape();
     let n = a.transpose() * a;
     let scale = DVector::from_fn(

@@ -4,6 +4,7 @@ use std::fmt;
 
 use super::Termination;
 use crate::camera::INTERIOR_NAMES;
+use crate::geometry::ThreePointsError;
 use crate::monitor::Interrupted;
 
 /// One of the six unknowns of a station.
@@ -131,6 +132,8 @@ pub enum ProblemPart {
     Distance,
     /// A datum point.
     Datum,
+    /// A point of the frame.
+    Frame,
 }
 
 /// Why an adjustment was not made.
@@ -185,6 +188,15 @@ pub enum AdjustmentError {
         /// Motions to be fixed.
         defect: usize,
     },
+    /// A point that gives the frame of the result takes no part.
+    #[error("point {point} gives the frame but takes no part in the adjustment")]
+    FramePoint {
+        /// Its index.
+        point: usize,
+    },
+    /// The three points that give the frame of the result do not determine it.
+    #[error(transparent)]
+    FrameShape(#[from] ThreePointsError),
     /// The observations leave unknowns undetermined.
     #[error(
         "rank defect of {defect}: the observations leave loose {}",

@@ -286,6 +286,11 @@ fn check_input(problem: &BundleProblem) -> Result<(), AdjustmentError> {
             check(ProblemPart::Datum, i, *p < problem.points.len())?;
         }
     }
+    if let Some(frame) = &problem.frame {
+        for (i, (p, _)) in frame.held().into_iter().enumerate() {
+            check(ProblemPart::Frame, i, *p < problem.points.len())?;
+        }
+    }
     Ok(())
 }
 

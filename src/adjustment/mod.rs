@@ -14,6 +14,9 @@
 //!   by the kept rows of `G`, which changes no residual; afterwards the estimates are moved by a finite similarity and
 //!   the cofactors by the S-transformation `S = I - G (G^T E G)^-1 G^T E` (Baarda, 1973; Teunissen, 1985) to the
 //!   inner constraints of the datum points (Meissl, 1969; Fraser, 1982): exact, and as cheap as seven more solves.
+//! - **Frame.** Three points may give the coordinate system of the result (3-2-1): six functionals `B` of their
+//!   coordinates take the place of the inner constraints, `S = I - G (B^T G)^-1 B^T` with the six rigid motions as `G`,
+//!   and the estimates move by the finite motion. The scale stays as the datum has it.
 //! - **Reliability.** Redundancy numbers and normalised residuals after Baarda (1968); gross errors are found by
 //!   iterated data snooping with a robust start and restoration ([`adjust_with_rejection`]).
 //!
@@ -23,6 +26,7 @@
 mod datum;
 mod equations;
 mod error;
+mod frame;
 mod layout;
 mod normals;
 mod problem;
@@ -33,6 +37,8 @@ mod statistics;
 
 #[cfg(test)]
 mod dense;
+#[cfg(test)]
+mod frame_tests;
 #[cfg(test)]
 mod simulation;
 #[cfg(test)]

@@ -6,7 +6,7 @@ use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Camera;
-use crate::geometry::Pose;
+use crate::geometry::{Pose, ThreeTwoOne};
 
 /// What the adjustment may do with one parameter of interior orientation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -157,6 +157,10 @@ pub struct BundleProblem {
     pub distances: Vec<DistanceObservation>,
     /// What fixes the frame.
     pub datum: Datum,
+    /// The coordinate system of the result by three points (indices into [`BundleProblem::points`]); `None` leaves it
+    /// where the datum puts it. It changes no residual, no scale and no distance: coordinates and covariances are those
+    /// that the three points as minimum constraints would give.
+    pub frame: Option<ThreeTwoOne<usize>>,
     /// Indices of image observations that take no part; their residuals are predicted only.
     pub rejected: BTreeSet<usize>,
 }

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::datum::apply;
 use super::equations::State;
 use super::solver::{LEAST_SCALE, SIGMA_FROM_MEDIAN, robust_scale};
 use super::statistics::median;
@@ -199,6 +200,10 @@ impl Snooping<'_> {
         let solver = self.solve(settings, task, |_| false)?;
         let adjustment = solver.finish()?;
         self.state = State::of(&adjustment);
+        if let Some(motion) = &adjustment.motion {
+            // The datum and known coordinates refer to the place the problem was given in.
+            apply(&motion.inverse(), &mut self.state);
+        }
         Ok(adjustment)
     }
 

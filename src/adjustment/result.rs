@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Termination;
 use crate::camera::Camera;
-use crate::geometry::Pose;
+use crate::geometry::{Pose, Similarity};
 
 /// A camera with its estimated interior orientation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -116,6 +116,8 @@ pub struct Adjustment {
     pub observation_count: usize,
     /// Unknowns.
     pub unknown_count: usize,
+    /// The motion from the datum's place into the frame by three points; `None` where none was asked for.
+    pub motion: Option<Similarity>,
     /// Motions of the network that the datum takes (conditions).
     pub datum_defect: usize,
     /// Observations - unknowns + datum defect.

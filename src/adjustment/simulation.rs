@@ -138,6 +138,7 @@ fn disturbed(
         datum: Datum::InnerConstraints {
             points: (0..truth.points.len()).collect(),
         },
+        frame: None,
         rejected: BTreeSet::new(),
     }
 }

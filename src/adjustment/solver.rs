@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::datum::{FreeMotions, move_onto_datum};
 use super::equations::{Equations, State, distance_equation, image_residuals};
+use super::frame::move_into_frame;
 use super::layout::{Layout, PointRole};
 use super::normals::{Factor, Normals};
 use super::statistics::{self, median};
@@ -188,18 +189,25 @@ impl BundleSolver {
         })
     }
 
-    /// The estimates with their exact statistics, in the chosen datum.
+    /// The estimates with their exact statistics, in the chosen datum and frame.
     ///
     /// # Errors
     /// [`AdjustmentError::NotConverged`] or [`AdjustmentError::NotFinished`] when the iteration has not converged;
-    /// [`AdjustmentError::RankDefect`].
+    /// [`AdjustmentError::RankDefect`]; [`AdjustmentError::FramePoint`] or [`AdjustmentError::FrameShape`] where the
+    /// three points do not give a frame.
     pub fn finish(self) -> Result<Adjustment, AdjustmentError> {
         self.converged()?;
-        self.finish_as_it_is()
+        self.statistics()
     }
 
-    /// [`Self::finish`] at the present state, converged or not: good for finding gross errors, not for results.
+    /// [`Self::finish`] at the present state, converged or not, and in the datum alone: good for finding gross errors,
+    /// not for results.
     pub(super) fn finish_as_it_is(mut self) -> Result<Adjustment, AdjustmentError> {
+        self.problem.frame = None;
+        self.statistics()
+    }
+
+    fn statistics(mut self) -> Result<Adjustment, AdjustmentError> {
         let termination = self.termination.ok_or(AdjustmentError::NotFinished)?;
         let reference: Vec<Vector3<f64>> = self.problem.points.iter().map(|p| p.position).collect();
         move_onto_datum(&self.problem, &self.layout, &mut self.state, &reference)?;
@@ -208,6 +216,9 @@ impl BundleSolver {
             statistics::adjustment(&self.problem, &self.layout, &self.state, &equations)?;
         adjustment.iterations = self.number;
         adjustment.termination = termination;
+        if let Some(frame) = &self.problem.frame {
+            move_into_frame(frame, &mut adjustment)?;
+        }
         Ok(adjustment)
     }
 

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::datum::FreeMotions;
 use super::equations::{Equations, State};
+use super::frame::STransformation;
 use super::layout::{Layout, PointFrame, PointRole};
 use super::normals::{Factor, Normals, distance_row, whitened_rows};
 use super::solver::other_squares;
@@ -19,7 +20,8 @@ const UNCONTROLLED: f64 = 1e-9;
 
 /// What is needed to bring cofactors from the regularised system into the datum: `Q = S Q' S^T`.
 struct Transformation {
-    free: FreeMotions,
+    /// `G`.
+    motions: FreeMotions,
     /// `C = Q' H^T`, rows of the reduced system.
     kept: DMatrix<f64>,
     /// `C`, 3 x d by frame.
@@ -50,9 +52,10 @@ pub(super) fn adjustment(
     let free = FreeMotions::of(problem, layout, state);
     let factor = Factor::new(&normals, layout, state, &free)?;
     let inverse = factor.inverse();
-    let transformation = Transformation::new(free, layout, state, &normals, &factor)?;
+    let counts = Counts::of(problem, layout, free.defect());
+    let onto_datum = STransformation::new(free, problem, layout, state)?;
+    let transformation = Transformation::new(onto_datum, layout, state, &normals, &factor);
 
-    let counts = Counts::of(problem, layout, transformation.free.defect());
     let squares = image_squares(problem, layout, equations) + other_squares(problem, layout, state);
     // Without redundancy nothing tests the a-priori sigmas: they are believed.
     let sigma0 = if counts.redundancy > 0 {
@@ -92,6 +95,7 @@ pub(super) fn adjustment(
         unknown_count: counts.unknowns,
         datum_defect: counts.defect,
         redundancy: counts.redundancy,
+        motion: None,
         iterations: 0,
         termination: Termination {
             kind: TerminationKind::Converged,
@@ -147,17 +151,17 @@ impl Counts {
 
 impl Transformation {
     fn new(
-        free: FreeMotions,
+        onto_datum: STransformation,
         layout: &Layout,
         state: &State,
         normals: &Normals,
         factor: &Factor,
-    ) -> Result<Self, AdjustmentError> {
-        let d = free.defect();
-        let h = free.s_transformation(layout, state)?;
+    ) -> Self {
+        let STransformation { motions, h } = onto_datum;
+        let d = motions.defect();
         let mut h_of_points: Vec<Option<&DMatrix<f64>>> = vec![None; state.points.len()];
-        for (h, &p) in h.iter().zip(&layout.datum_points) {
-            h_of_points[p] = Some(h);
+        for (p, h) in &h {
+            h_of_points[*p] = Some(h);
         }
         let mut right_side = DMatrix::zeros(layout.kept, d);
         for (frame, normal) in layout.frames.iter().zip(&normals.points) {
@@ -202,12 +206,12 @@ impl Transformation {
             }
             points.push(c);
         }
-        Ok(Self {
-            free,
+        Self {
+            motions,
             kept,
             points,
             inner,
-        })
+        }
     }
 
     /// `Q_ii = Q'_ii - G_i C_i^T - C_i G_i^T + G_i (H C) G_i^T` for the unknowns with rows `g`, `c` (n x d).
@@ -294,7 +298,9 @@ fn point_statistics(
             Some((ray.observation, variance))
         })
         .collect();
-    let g = transformation.free.point_rows(&state.points[frame.point]);
+    let g = transformation
+        .motions
+        .point_rows(&state.points[frame.point]);
     let own = DMatrix::from_fn(3, 3, |i, j| own[(i, j)]);
     let cofactor = transformation.apply(&own, &g, &transformation.points[at]);
     let cofactor: Matrix3<f64> = cofactor.fixed_view::<3, 3>(0, 0).into_owned();
@@ -334,7 +340,7 @@ fn stations(
     transformation: &Transformation,
     variance: f64,
 ) -> Vec<AdjustedStation> {
-    let rows = transformation.free.kept_rows(layout, state);
+    let rows = transformation.motions.kept_rows(layout, state);
     (0..state.poses.len())
         .map(|s| {
             let at = 6 * s;

@@ -1,4 +1,5 @@
-//! The plain mathematics of directions and places: rotation, pose, similarity, plane, homography, intersection of rays.
+//! The plain mathematics of directions and places: rotation, pose, similarity, plane, frame by three
+//! points, homography, intersection of rays.
 //!
 //! Frames follow Kraus (2007): the world is right-handed; the camera frame has x right, y up, z backwards, so that the
 //! camera looks along -z. A rotation matrix `M` takes world directions to the camera frame, `X0` is the projection
@@ -16,6 +17,7 @@ mod pose;
 mod roots;
 mod rotation;
 mod similarity;
+mod three_two_one;
 
 pub use homography::{HomographyError, PlanePair, apply_homography, fit_homography};
 pub use intersection::{
@@ -26,3 +28,4 @@ pub use pose::Pose;
 pub use roots::real_roots;
 pub use rotation::{OmegaPhiKappa, rotation_from_vector, skew};
 pub use similarity::{FitError, Scale, Similarity, fit_similarity};
+pub use three_two_one::{AxisOrder, LEAST_SPREAD, ThreePointsError, ThreeTwoOne};

@@ -30,6 +30,18 @@ impl Similarity {
     pub fn apply(&self, point: &Vector3<f64>) -> Vector3<f64> {
         self.scale * (self.rotation * point) + self.translation
     }
+
+    /// The transformation back.
+    #[must_use]
+    pub fn inverse(&self) -> Self {
+        let rotation = self.rotation.inverse();
+        let scale = 1.0 / self.scale;
+        Self {
+            scale,
+            rotation,
+            translation: -scale * (rotation * self.translation),
+        }
+    }
 }
 
 /// Whether the scale is estimated or kept at one.

@@ -48,13 +48,11 @@ impl Connectivity {
             let Some(detections) = &image.detections else {
                 continue;
             };
-            for (place, reading) in detections.codes.iter().enumerate() {
-                if !image.set_aside.contains_key(&place) {
-                    codes.insert((reading.family, reading.id));
-                    images_of_code
-                        .entry((reading.family, reading.id))
-                        .or_default()
-                        .insert(id);
+            for place in 0..detections.codes.len() {
+                let code = image.code_of_reading(place);
+                if let Some(code) = code.filter(|_| !image.set_aside.contains_key(&place)) {
+                    codes.insert(code);
+                    images_of_code.entry(code).or_default().insert(id);
                 }
             }
         }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::Matrix6;
 use serde::{Deserialize, Serialize};
 
-use super::{CameraId, PointId};
+use super::{CameraId, Code, PointId};
 use crate::geometry::Pose;
 use crate::targets::{Detections, DotIndex};
 
@@ -39,6 +39,12 @@ pub enum ImageUse {
     Excluded,
 }
 
+/// Reason of an operator's rejection, as shown and exported.
+pub const REJECTED_BY_OPERATOR: &str = "rejected by the operator";
+
+/// Reason of a reading that the operator set aside, as shown and exported.
+pub const SET_ASIDE_BY_OPERATOR: &str = "set aside by the operator";
+
 /// Who decided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -58,6 +64,15 @@ pub struct Label {
     pub source: Source,
     /// Why the adjustment does not use it; `None` where it is used.
     pub rejected: Option<String>,
+}
+
+impl Label {
+    /// Whether the operator rejected it. An adjustment may reject what the operator named, for its own computation; the
+    /// next one decides that anew.
+    #[must_use]
+    pub fn is_rejected_by_operator(&self) -> bool {
+        self.source == Source::Operator && self.rejected.as_deref() == Some(REJECTED_BY_OPERATOR)
+    }
 }
 
 /// An exterior orientation with its precision.
@@ -99,10 +114,18 @@ pub struct ImageEntry {
     pub set_aside: Arc<BTreeMap<usize, String>>,
     /// Why dots stay without a name, where identification can say it.
     pub unlabelled: Arc<BTreeMap<DotIndex, String>>,
+    /// Dots without a name that the operator rejected, with the reason: no stage looks at them again.
+    #[serde(default, skip_serializing_if = "nothing_rejected")]
+    pub rejected_dots: Arc<BTreeMap<DotIndex, String>>,
     /// The orientation; `None` while not connected.
     pub station: Option<Station>,
     /// The last orientation that failed.
     pub attempt: Option<Attempt>,
+}
+
+/// Projects without such dots are written as they were before there were any.
+fn nothing_rejected(dots: &Arc<BTreeMap<DotIndex, String>>) -> bool {
+    dots.is_empty()
 }
 
 impl ImageEntry {
@@ -118,6 +141,7 @@ impl ImageEntry {
             labels: Arc::default(),
             set_aside: Arc::default(),
             unlabelled: Arc::default(),
+            rejected_dots: Arc::default(),
             station: None,
             attempt: None,
         }
@@ -129,5 +153,30 @@ impl ImageEntry {
             .iter()
             .filter(|(_, l)| l.rejected.is_none())
             .map(|(d, l)| (*d, l))
+    }
+    /// The code that a reading stands for: the operator's number where there is one, else the number that was read.
+    #[must_use]
+    pub fn code_of_reading(&self, reading: usize) -> Option<Code> {
+        let code = self.detections.as_ref()?.codes.get(reading)?;
+        let named = code.dots.iter().find_map(|dot| {
+            let label = self.labels.get(dot)?;
+            let (family, number) = label.point.code()?;
+            let by_operator = label.source == Source::Operator && family == code.family;
+            by_operator.then_some((family, number))
+        });
+        Some(named.unwrap_or((code.family, code.id)))
+    }
+
+    /// Whether the operator gave or confirmed the number of a reading.
+    #[must_use]
+    pub fn is_reading_of_operator(&self, reading: usize) -> bool {
+        let code = self.detections.as_ref().and_then(|d| d.codes.get(reading));
+        code.is_some_and(|code| {
+            code.dots.iter().any(|dot| {
+                self.labels.get(dot).is_some_and(|label| {
+                    label.source == Source::Operator && label.point.code().is_some()
+                })
+            })
+        })
     }
 }

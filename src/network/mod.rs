@@ -10,6 +10,7 @@
 
 mod camera;
 mod connectivity;
+mod frame;
 mod image;
 mod label;
 mod result;
@@ -21,9 +22,15 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use crate::geometry::Similarity;
+
 pub use camera::{CameraEntry, CameraId, InteriorSource};
 pub use connectivity::{CODES_TO_CONNECT, Code, Connectivity, ImageConnectivity};
-pub use image::{Attempt, ImageEntry, ImageFile, ImageId, ImageUse, Label, Source, Station};
+pub use frame::{Frame, FrameProblem, FrameResult};
+pub use image::{
+    Attempt, ImageEntry, ImageFile, ImageId, ImageUse, Label, REJECTED_BY_OPERATOR,
+    SET_ASIDE_BY_OPERATOR, Source, Station,
+};
 pub use label::{CodeDot, PointId, PointKind, UnknownLabel};
 pub use result::{
     AdjustedObservation, AdjustmentResult, BarResult, CameraResult, IdentificationPass, Point,
@@ -112,6 +119,13 @@ pub struct Network {
     pub scale_bars: Arc<Vec<ScaleBar>>,
     /// Points with known coordinates.
     pub control: Arc<Vec<ControlPoint>>,
+    /// The coordinate system that the result shall have.
+    #[serde(default)]
+    pub frame: Frame,
+    /// The motion that brought the network out of its own frame into one by three points; `None` while it stands in its
+    /// own or on control.
+    #[serde(default)]
+    pub moved_by: Option<Similarity>,
     /// Oriented images in the order in which they were connected.
     pub connection_order: Arc<Vec<ImageId>>,
     /// The passes of identification since the last change of inputs.
@@ -124,7 +138,7 @@ pub struct Network {
     pub adjustment: Option<Arc<AdjustmentResult>>,
     /// Counts changes of inputs (images, detections, the operator's decisions, settings), never of estimates.
     pub inputs: u64,
-    /// The number the next plain target gets.
+    /// The highest number that was given to a plain target; the next one gets a higher one.
     pub next_target: u32,
 }
 
@@ -209,11 +223,17 @@ impl Network {
         }
     }
 
-    /// Whether the newest adjustment belongs to the present inputs.
+    /// Whether the newest adjustment belongs to the present inputs and stands in the frame that is asked for.
     #[must_use]
     pub fn adjustment_is_fresh(&self) -> bool {
         self.adjustment
             .as_ref()
-            .is_some_and(|a| a.basis == self.inputs)
+            .is_some_and(|a| a.basis == self.inputs && self.frame_is_tried(a))
+    }
+
+    /// Whether an adjustment was made for the frame that is asked for; only the final one cares.
+    #[must_use]
+    pub fn frame_is_tried(&self, adjustment: &AdjustmentResult) -> bool {
+        adjustment.stage != Stage::Adjust || adjustment.frame.asked == self.frame
     }
 }

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{CameraId, ImageId, PointId, Stage};
+use super::{CameraId, FrameResult, ImageId, PointId, Stage};
 use crate::targets::DotIndex;
 
 /// A point with its coordinates.
@@ -128,6 +128,9 @@ pub struct AdjustmentResult {
     pub redundancy: i64,
     /// The datum in words.
     pub datum: String,
+    /// The frame that was asked for, and whether the result has it.
+    #[serde(default)]
+    pub frame: FrameResult,
     /// Where the scale comes from.
     pub scale_from: ScaleSource,
     /// Cameras.

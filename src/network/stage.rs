@@ -138,6 +138,8 @@ pub enum FindingKind {
     Cross,
     /// The connectivity of the network is weak.
     Connectivity,
+    /// The frame that was asked for cannot be had.
+    Frame,
     /// A stage could not do its work.
     StageFailed,
 }

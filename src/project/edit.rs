@@ -2,18 +2,21 @@
 //!
 //! An edit is checked again when it is applied: while a step runs, edits wait, and what they are about may be gone.
 
+mod known;
+#[cfg(test)]
+mod tests;
+
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use crate::network::{ImageId, ImageUse, Label, MeasurementSettings, Network, PointId, Source};
-use crate::targets::{Dot, DotIndex};
+use crate::network::{
+    BarRole, CodeDot, ControlRole, Frame, ImageId, ImageUse, Label, MeasurementSettings, Network,
+    PointId, ScaleBar, Source, Stage,
+};
+use crate::targets::{CodeReading, Dot, DotIndex};
 
-/// Reason of an operator's rejection, as shown and exported.
-pub const REJECTED_BY_OPERATOR: &str = "rejected by the operator";
-
-/// Reason of a reading that the operator set aside, as shown and exported.
-pub const SET_ASIDE_BY_OPERATOR: &str = "set aside by the operator";
+pub use crate::network::{REJECTED_BY_OPERATOR, SET_ASIDE_BY_OPERATOR};
 
 /// A change of the document by the operator.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -34,7 +37,14 @@ pub enum Edit {
         /// The dot.
         dot: DotIndex,
     },
-    /// A dot takes no part.
+    /// The name of a dot is right: from now on it is the operator's.
+    Accept {
+        /// The image.
+        image: ImageId,
+        /// The dot.
+        dot: DotIndex,
+    },
+    /// A dot takes no part: a named one keeps its name, one without a name is never named by a stage.
     Reject {
         /// The image.
         image: ImageId,
@@ -47,6 +57,13 @@ pub enum Edit {
         image: ImageId,
         /// The dot.
         dot: DotIndex,
+    },
+    /// A code reading is right: its dots get its names, and from now on they are the operator's.
+    AcceptCode {
+        /// The image.
+        image: ImageId,
+        /// Place of the reading in the detections.
+        reading: usize,
     },
     /// A code has another number than was read.
     Renumber {
@@ -73,6 +90,42 @@ pub enum Edit {
         /// Its point.
         point: Option<PointId>,
     },
+    /// A known distance between two points.
+    AddBar {
+        /// Its name; no other bar has it.
+        name: String,
+        /// Label of one end.
+        from: String,
+        /// Label of the other end.
+        to: String,
+        /// Known length, mm.
+        length_mm: f64,
+        /// Its standard deviation, mm.
+        sigma_mm: f64,
+        /// Whether it gives scale or only checks it.
+        role: BarRole,
+    },
+    /// A scale bar goes.
+    RemoveBar {
+        /// Its name.
+        name: String,
+    },
+    /// A point has known coordinates; they take the place of those it had.
+    SetControl {
+        /// Label of the point.
+        label: String,
+        /// Known coordinates, mm; `None` where one is unknown.
+        coordinates_mm: [Option<f64>; 3],
+        /// Their standard deviations, mm.
+        sigmas_mm: [Option<f64>; 3],
+        /// What it is for.
+        role: ControlRole,
+    },
+    /// A point has no known coordinates any more.
+    RemoveControl {
+        /// Label of the point.
+        label: String,
+    },
     /// An image takes part or not.
     UseImage {
         /// The image.
@@ -82,10 +135,12 @@ pub enum Edit {
     },
     /// Other settings.
     Settings(Box<MeasurementSettings>),
+    /// Another coordinate system of the result; only the final adjustment has something to do again.
+    Frame(Frame),
 }
 
 /// Why an edit cannot be made.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum EditError {
     /// The image is gone.
     #[error("found no such image any more")]
@@ -116,6 +171,40 @@ pub enum EditError {
         /// Largest number of the family.
         largest: u32,
     },
+    /// No image shows such a point.
+    #[error("found no point '{0}' in any image, expected the label of a target")]
+    UnknownPoint(String),
+    /// Both ends of a bar are one point.
+    #[error("both ends of bar '{name}' are {label}, expected two points")]
+    SameEnds {
+        /// Name of the bar.
+        name: String,
+        /// Label of the point.
+        label: String,
+    },
+    /// A bar without a name.
+    #[error("found a bar without a name, expected one that its results are listed under")]
+    NoBarName,
+    /// There is a bar of this name.
+    #[error("found a bar '{0}' already, expected another name")]
+    BarExists(String),
+    /// The bar is gone.
+    #[error("found no bar '{0}' any more")]
+    NoBar(String),
+    /// The point has no known coordinates.
+    #[error("{0} has no known coordinates any more")]
+    NoControl(String),
+    /// A length or standard deviation that is none.
+    #[error("found {what} of {found} mm, expected a number above 0")]
+    NotPositive {
+        /// What the number is.
+        what: &'static str,
+        /// The number, mm.
+        found: f64,
+    },
+    /// A point with known coordinates of which none is given.
+    #[error("{0}: found no coordinate, expected one at least, in mm")]
+    NoCoordinate(String),
 }
 
 impl Edit {
@@ -133,13 +222,51 @@ impl Edit {
                 format!("label {} in {}", network.label(*point), path(image))
             }
             Edit::Unlabel { image, .. } => format!("take a label away in {}", path(image)),
-            Edit::Reject { image, .. } => format!("reject a dot in {}", path(image)),
-            Edit::Restore { image, .. } => format!("restore a dot in {}", path(image)),
+            Edit::Accept { image, dot } => format!(
+                "accept {} in {}",
+                dot_name(network, *image, *dot),
+                path(image)
+            ),
+            Edit::Reject { image, dot } => format!(
+                "reject {} in {}",
+                dot_name(network, *image, *dot),
+                path(image)
+            ),
+            Edit::Restore { image, dot } => format!(
+                "restore {} in {}",
+                dot_name(network, *image, *dot),
+                path(image)
+            ),
+            Edit::AcceptCode { image, reading } => match reading_of(network, *image, *reading) {
+                Ok(code) => format!(
+                    "accept code {} in {}",
+                    code.family.code_label(code.id),
+                    path(image)
+                ),
+                Err(_) => format!("accept a code in {}", path(image)),
+            },
             Edit::Renumber { image, id, .. } => {
                 format!("renumber a code to {id} in {}", path(image))
             }
             Edit::SetAside { image, .. } => format!("set a code aside in {}", path(image)),
+            Edit::AddDot {
+                image,
+                point: Some(point),
+                ..
+            } => {
+                format!(
+                    "measure {} by hand in {}",
+                    network.label(*point),
+                    path(image)
+                )
+            }
             Edit::AddDot { image, .. } => format!("measure a dot by hand in {}", path(image)),
+            Edit::AddBar { name, from, to, .. } => {
+                format!("add scale bar '{name}' from {from} to {to}")
+            }
+            Edit::RemoveBar { name } => format!("remove scale bar '{name}'"),
+            Edit::SetControl { label, .. } => format!("give {label} known coordinates"),
+            Edit::RemoveControl { label } => format!("take the known coordinates of {label} away"),
             Edit::UseImage {
                 image,
                 usage: ImageUse::Used,
@@ -149,10 +276,12 @@ impl Edit {
                 usage: ImageUse::Excluded,
             } => format!("exclude {}", path(image)),
             Edit::Settings(_) => "change settings".into(),
+            Edit::Frame(frame) => format!("set the frame {}", frame.in_words(network)),
         }
     }
 
-    /// Makes the change; inputs count up, so every stage that worked on the old ones has something to do again.
+    /// Makes the change; inputs count up, so every stage that worked on the old ones has something to do again. A frame
+    /// is no input: points and labels stay what they are, and the final adjustment alone is made again.
     ///
     /// # Errors
     /// [`EditError`]; the network is unchanged then.
@@ -164,12 +293,15 @@ impl Edit {
             }
             Edit::Unlabel { image, dot } => {
                 labelled(network, *image, *dot)?;
-                Arc::make_mut(&mut network.image_mut(*image).labels).remove(dot);
+                unlabel(network, *image, *dot);
             }
-            Edit::Reject { image, dot } => {
-                decide(network, *image, *dot, Some(REJECTED_BY_OPERATOR))?
+            Edit::Accept { image, dot } => accept(network, *image, *dot)?,
+            Edit::Reject { image, dot } => reject(network, *image, *dot)?,
+            Edit::Restore { image, dot } => restore(network, *image, *dot)?,
+            Edit::AcceptCode { image, reading } => {
+                let id = reading_of(network, *image, *reading)?.id;
+                renumber(network, *image, *reading, id)?;
             }
-            Edit::Restore { image, dot } => decide(network, *image, *dot, None)?,
             Edit::Renumber { image, reading, id } => renumber(network, *image, *reading, *id)?,
             Edit::SetAside { image, reading } => set_aside(network, *image, *reading)?,
             Edit::AddDot { image, dot, point } => {
@@ -178,6 +310,32 @@ impl Edit {
                     name(network, *image, index, *point);
                 }
             }
+            Edit::AddBar {
+                name,
+                from,
+                to,
+                length_mm,
+                sigma_mm,
+                role,
+            } => {
+                let bar = ScaleBar {
+                    name: name.trim().to_owned(),
+                    from: from.clone(),
+                    to: to.clone(),
+                    length_mm: *length_mm,
+                    sigma_mm: *sigma_mm,
+                    role: *role,
+                };
+                known::add_bar(network, bar)?;
+            }
+            Edit::RemoveBar { name } => known::remove_bar(network, name)?,
+            Edit::SetControl {
+                label,
+                coordinates_mm,
+                sigmas_mm,
+                role,
+            } => known::set_control(network, label, *coordinates_mm, *sigmas_mm, *role)?,
+            Edit::RemoveControl { label } => known::remove_control(network, label)?,
             Edit::UseImage { image, usage } => {
                 if !network.images.contains_key(image) {
                     return Err(EditError::NoImage);
@@ -185,6 +343,11 @@ impl Edit {
                 network.image_mut(*image).usage = *usage;
             }
             Edit::Settings(settings) => network.settings = Arc::new(settings.as_ref().clone()),
+            Edit::Frame(frame) => {
+                network.frame = *frame;
+                network.conclusions.remove(&Stage::Adjust);
+                return Ok(());
+            }
         }
         network.inputs += 1;
         Ok(())
@@ -208,6 +371,27 @@ fn existing_dot(network: &Network, image: ImageId, dot: DotIndex) -> Result<(), 
     found.then_some(()).ok_or(EditError::NoDot { image: path })
 }
 
+fn reading_of(
+    network: &Network,
+    image: ImageId,
+    reading: usize,
+) -> Result<&CodeReading, EditError> {
+    let path = path_of(network, image)?;
+    let detections = network.images[&image].detections.as_ref();
+    detections
+        .and_then(|d| d.codes.get(reading))
+        .ok_or(EditError::NoReading { image: path })
+}
+
+/// A dot in the words of a title: its label, where it has one.
+fn dot_name(network: &Network, image: ImageId, dot: DotIndex) -> String {
+    let label = network
+        .images
+        .get(&image)
+        .and_then(|entry| entry.labels.get(&dot));
+    label.map_or_else(|| "a dot".to_owned(), |label| network.label(label.point))
+}
+
 fn labelled(network: &Network, image: ImageId, dot: DotIndex) -> Result<(), EditError> {
     existing_dot(network, image, dot)?;
     let path = path_of(network, image)?;
@@ -217,9 +401,11 @@ fn labelled(network: &Network, image: ImageId, dot: DotIndex) -> Result<(), Edit
         .ok_or(EditError::NoLabel { image: path })
 }
 
-/// Names a dot; another dot of the image that carried this name loses it, for a point has one image in a picture.
+/// Names a dot; another dot of the image that carried this name loses it, for a point has one image in a picture. A dot
+/// that was rejected takes part again, and a number that is new for a plain target is given to no other one.
 fn name(network: &mut Network, image: ImageId, dot: DotIndex, point: PointId) {
-    let labels = Arc::make_mut(&mut network.image_mut(image).labels);
+    let entry = network.image_mut(image);
+    let labels = Arc::make_mut(&mut entry.labels);
     labels.retain(|other, label| *other == dot || label.point != point);
     labels.insert(
         dot,
@@ -229,21 +415,55 @@ fn name(network: &mut Network, image: ImageId, dot: DotIndex, point: PointId) {
             rejected: None,
         },
     );
+    if entry.rejected_dots.contains_key(&dot) {
+        Arc::make_mut(&mut entry.rejected_dots).remove(&dot);
+    }
+    if let PointId::Target(number) = point {
+        network.next_target = network.next_target.max(number);
+    }
 }
 
-fn decide(
-    network: &mut Network,
-    image: ImageId,
-    dot: DotIndex,
-    rejected: Option<&str>,
-) -> Result<(), EditError> {
+/// Takes a name away; a dot that the operator rejected stays rejected.
+fn unlabel(network: &mut Network, image: ImageId, dot: DotIndex) {
+    let entry = network.image_mut(image);
+    let removed = Arc::make_mut(&mut entry.labels).remove(&dot);
+    if removed.is_some_and(|label| label.is_rejected_by_operator()) {
+        Arc::make_mut(&mut entry.rejected_dots).insert(dot, REJECTED_BY_OPERATOR.to_owned());
+    }
+}
+
+fn accept(network: &mut Network, image: ImageId, dot: DotIndex) -> Result<(), EditError> {
     labelled(network, image, dot)?;
-    let labels = Arc::make_mut(&mut network.image_mut(image).labels);
-    if let Some(label) = labels.get_mut(&dot) {
+    if let Some(label) = Arc::make_mut(&mut network.image_mut(image).labels).get_mut(&dot) {
         label.source = Source::Operator;
-        label.rejected = rejected.map(str::to_owned);
+        label.rejected = None;
     }
     Ok(())
+}
+
+fn reject(network: &mut Network, image: ImageId, dot: DotIndex) -> Result<(), EditError> {
+    existing_dot(network, image, dot)?;
+    let entry = network.image_mut(image);
+    match Arc::make_mut(&mut entry.labels).get_mut(&dot) {
+        Some(label) => {
+            label.source = Source::Operator;
+            label.rejected = Some(REJECTED_BY_OPERATOR.to_owned());
+        }
+        None => {
+            Arc::make_mut(&mut entry.rejected_dots).insert(dot, REJECTED_BY_OPERATOR.to_owned());
+        }
+    }
+    Ok(())
+}
+
+fn restore(network: &mut Network, image: ImageId, dot: DotIndex) -> Result<(), EditError> {
+    existing_dot(network, image, dot)?;
+    let entry = network.image_mut(image);
+    if entry.rejected_dots.contains_key(&dot) {
+        Arc::make_mut(&mut entry.rejected_dots).remove(&dot);
+        return Ok(());
+    }
+    accept(network, image, dot)
 }
 
 fn renumber(
@@ -252,12 +472,7 @@ fn renumber(
     reading: usize,
     id: u32,
 ) -> Result<(), EditError> {
-    let path = path_of(network, image)?;
-    let detections = network.images[&image].detections.clone();
-    let code = detections
-        .as_ref()
-        .and_then(|d| d.codes.get(reading))
-        .ok_or(EditError::NoReading { image: path })?;
+    let code = reading_of(network, image, reading)?.clone();
     let largest = code.family.code_count();
     if !(1..=largest).contains(&id) {
         return Err(EditError::NoSuchCode { found: id, largest });
@@ -270,28 +485,31 @@ fn renumber(
 }
 
 fn set_aside(network: &mut Network, image: ImageId, reading: usize) -> Result<(), EditError> {
-    let path = path_of(network, image)?;
-    let detections = network.images[&image].detections.clone();
-    let code = detections
-        .as_ref()
-        .and_then(|d| d.codes.get(reading))
-        .ok_or(EditError::NoReading { image: path })?;
-    let points = PointId::of_code(code.family, code.id);
+    let code = reading_of(network, image, reading)?.clone();
+    // Whatever number it has by now: each dot loses the name that it has for its place in this code.
+    let of_reading = |dot: &DotIndex, label: &Label| {
+        let place = code.dots.iter().position(|other| other == dot);
+        match (place.and_then(|place| CodeDot::ALL.get(place)), label.point) {
+            (Some(place), PointId::Code { family, dot, .. }) => {
+                family == code.family && dot == *place
+            }
+            _ => false,
+        }
+    };
     let entry = network.image_mut(image);
-    Arc::make_mut(&mut entry.labels)
-        .retain(|dot, label| !(code.dots.contains(dot) && points.contains(&label.point)));
+    Arc::make_mut(&mut entry.labels).retain(|dot, label| !of_reading(dot, label));
     Arc::make_mut(&mut entry.set_aside).insert(reading, SET_ASIDE_BY_OPERATOR.to_owned());
     Ok(())
 }
 
+/// A dot measured by hand stands behind the detected ones, so that no index changes.
 fn add_dot(network: &mut Network, image: ImageId, dot: Dot) -> Result<DotIndex, EditError> {
     let path = path_of(network, image)?;
+    if network.images[&image].detections.is_none() {
+        return Err(EditError::NoDot { image: path });
+    }
     let entry = network.image_mut(image);
-    let detections = entry
-        .detections
-        .as_mut()
-        .ok_or(EditError::NoDot { image: path })?;
-    let detections = Arc::make_mut(detections);
+    let detections = Arc::make_mut(entry.detections.get_or_insert_default());
     detections.dots.push(dot);
     let index = DotIndex(detections.dots.len() as u32 - 1);
     detections.by_hand.push(index);

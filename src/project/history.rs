@@ -272,7 +272,7 @@ fn bytes_of_adjustment(adjustment: &AdjustmentResult) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::network::{ScaleSource, Stage};
+    use crate::network::{FrameResult, ScaleSource, Stage};
     use nalgebra::Vector3;
 
     fn point() -> Point {
@@ -293,6 +293,7 @@ mod tests {
             sigma_station_mm: 0.1,
             redundancy: 10,
             datum: String::new(),
+            frame: FrameResult::default(),
             scale_from: ScaleSource::Codes,
             cameras: Vec::new(),
             bars: Vec::new(),

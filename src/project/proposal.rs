@@ -286,7 +286,7 @@ mod tests {
         }
         folder.write("job/job.tiepoint", b"");
         folder.write("job/images/camera.toml", b"");
-        let NewProject { plan, .. } = new_project(&[job.clone()]);
+        let NewProject { plan, .. } = new_project(std::slice::from_ref(&job));
         assert_eq!(plan.project, job.join("job-2.tiepoint"));
         assert_eq!(
             plan.cameras,

@@ -18,7 +18,7 @@ use super::whereabouts::{Found, PictureMoves};
 use crate::imaging::{GreyImage, LoadSettings, load_picture};
 use crate::monitor::Monitor;
 use crate::network::{About, Finding, FindingKind, ImageEntry, ImageId, Network, Outcome, Stage};
-use crate::stages::{Advance, Halt, Pictures, Step};
+use crate::stages::{Advance, Halt, Pictures, StageError, Step};
 
 /// Pictures from their files.
 struct PictureFiles {
@@ -60,9 +60,34 @@ pub struct Run {
 
 /// What came of a run.
 pub struct Computed {
-    step: Step,
+    stage: Stage,
     title: String,
-    result: Result<Advance, Halt>,
+    begun_with: Arc<Network>,
+    result: Stepped,
+}
+
+/// A step with what it means for its stage, so that taking it over is quick. One at a time is under way.
+#[expect(
+    clippy::large_enum_variant,
+    reason = "there is one, and it is moved twice"
+)]
+enum Stepped {
+    /// The operator stopped it before anything was finished.
+    Interrupted,
+    /// The operator stopped it, some is finished.
+    Part(Network),
+    /// The stage has another step.
+    Advanced(Network),
+    /// It was the last step of its stage.
+    Last {
+        network: Network,
+        concluded: Network,
+    },
+    /// It cannot be done, which ends its stage.
+    Failed {
+        error: StageError,
+        concluded: Network,
+    },
 }
 
 impl Run {
@@ -72,15 +97,35 @@ impl Run {
         &self.title
     }
 
-    /// Does the step; may take long, obeys the monitor's interrupt.
+    /// Does the step, and concludes its stage where it was the last; may take long, obeys the monitor's interrupt.
     #[must_use]
     pub fn compute(self, monitor: &Monitor) -> Computed {
+        let stage = self.step.stage();
         let result = self
             .step
             .run(&self.network, self.pictures.as_ref(), monitor);
+        let result = match result {
+            Ok(Advance {
+                network,
+                complete: false,
+            }) => Stepped::Part(network),
+            Ok(Advance { network, .. }) if stage.next(&network).is_some() => {
+                Stepped::Advanced(network)
+            }
+            Ok(Advance { network, .. }) => Stepped::Last {
+                concluded: concluded(&network, stage, None),
+                network,
+            },
+            Err(Halt::Interrupted) => Stepped::Interrupted,
+            Err(Halt::Failed(error)) => Stepped::Failed {
+                concluded: concluded(&self.network, stage, Some(&error)),
+                error,
+            },
+        };
         Computed {
-            step: self.step,
+            stage,
             title: self.title,
+            begun_with: self.network,
             result,
         }
     }
@@ -361,7 +406,8 @@ impl Session {
     pub fn begin(&mut self, stage: Stage) -> Result<Option<Run>, StorageError> {
         let Some(step) = stage.next(&self.network) else {
             if !self.network.is_concluded(stage) && stage.missing(&self.network).is_none() {
-                self.conclude(stage, None);
+                let network = concluded(&self.network, stage, None);
+                self.adopt_conclusion(stage, network);
             }
             return Ok(None);
         };
@@ -373,35 +419,49 @@ impl Session {
         }))
     }
 
-    /// Takes over what a run computed, and has it saved.
+    /// Takes over what a run computed, and has it saved. Quick: all that can be long was done by the run.
     ///
     /// # Errors
     /// None at present: [`Self::saving`] tells those of saving.
     pub fn finish(&mut self, computed: Computed) -> Result<Finished, StorageError> {
-        let stage = computed.step.stage();
-        match computed.result {
-            Ok(advance) => {
-                let outcome = if advance.complete {
-                    Outcome::Done
-                } else {
-                    Outcome::Interrupted
-                };
-                self.adopt(&computed.title, advance.network, Some(outcome));
-                if !advance.complete {
-                    return Ok(Finished::Interrupted);
-                }
-                if stage.next(&self.network).is_some() {
-                    return Ok(Finished::Advanced);
-                }
-                Ok(self.conclude(stage, None))
+        let Computed {
+            stage,
+            title,
+            begun_with,
+            result,
+        } = computed;
+        let done = Some(Outcome::Done);
+        Ok(match result {
+            Stepped::Interrupted => Finished::Interrupted,
+            Stepped::Part(network) => {
+                self.adopt(&title, network, Some(Outcome::Interrupted));
+                Finished::Interrupted
             }
-            Err(Halt::Interrupted) => Ok(Finished::Interrupted),
-            Err(Halt::Failed(error)) => Ok(self.conclude(stage, Some(&error))),
-        }
+            Stepped::Advanced(network) => {
+                self.adopt(&title, network, done);
+                Finished::Advanced
+            }
+            Stepped::Last { network, concluded } => {
+                self.adopt(&title, network, done);
+                self.adopt_conclusion(stage, concluded)
+            }
+            Stepped::Failed {
+                error,
+                concluded: known,
+            } => {
+                // A step that failed changes nothing: what was done meanwhile stays.
+                let is_same = Arc::ptr_eq(&begun_with, &self.network);
+                let network = if is_same {
+                    known
+                } else {
+                    concluded(&self.network, stage, Some(&error))
+                };
+                self.adopt_conclusion(stage, network)
+            }
+        })
     }
 
-    fn conclude(&mut self, stage: Stage, failure: Option<&crate::stages::StageError>) -> Finished {
-        let network = stage.conclude(&without_former_findings(&self.network, stage), failure);
+    fn adopt_conclusion(&mut self, stage: Stage, network: Network) -> Finished {
         let outcome = network.conclusions[&stage].outcome;
         self.adopt(&format!("{stage}: {outcome}"), network, Some(outcome));
         Finished::Concluded(outcome)
@@ -413,6 +473,11 @@ impl Session {
         self.history.push(title, Arc::clone(&network));
         self.network = network;
     }
+}
+
+/// The network with the end of a stage.
+fn concluded(network: &Network, stage: Stage, failure: Option<&StageError>) -> Network {
+    stage.conclude(&without_former_findings(network, stage), failure)
 }
 
 /// The network without what this stage and later ones told when they ended before: they tell it again where it still

@@ -156,7 +156,6 @@ mod tests {
             doubt: None,
         };
         let detections = Detections {
-            by_hand: Vec::new(),
             width_px: 20,
             height_px: 10,
             dots: (0..8).map(|i| dot(f64::from(i))).collect(),
@@ -168,6 +167,7 @@ mod tests {
                 place_px: Vector2::new(1.0, 2.0),
                 reason: "too small".into(),
             }],
+            by_hand: Vec::new(),
         };
         let json = serde_json::to_string(&[DetectReport::new("a b.png", &detections)]).unwrap();
         assert!(json.starts_with(

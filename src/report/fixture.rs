@@ -9,7 +9,7 @@ use crate::camera::{Camera, InteriorOrientation};
 use crate::geometry::{OmegaPhiKappa, Pose};
 use crate::network::{
     AdjustedObservation, AdjustmentResult, Attempt, CameraEntry, CameraId, CameraResult,
-    ControlPoint, ControlRole, DevicePoint, ImageEntry, ImageFile, ImageId, ImageUse,
+    ControlPoint, ControlRole, DevicePoint, FrameResult, ImageEntry, ImageFile, ImageId, ImageUse,
     InteriorSource, Label, Network, Point, PointId, ScaleSource, Source, Stage, Standing, Station,
 };
 use crate::targets::{CodeReading, Detections, Dot, DotIndex, Family};
@@ -97,7 +97,6 @@ fn image(number: u32, dots: u32) -> ImageEntry {
     };
     let mut image = ImageEntry::new(file, CameraId(1));
     image.detections = Some(Arc::new(Detections {
-        by_hand: Vec::new(),
         width_px: 3008,
         height_px: 1960,
         dots: (0..dots).map(dot).collect(),
@@ -109,6 +108,7 @@ fn image(number: u32, dots: u32) -> ImageEntry {
             doubt: None,
         }],
         rejected: Vec::new(),
+        by_hand: Vec::new(),
     }));
     image
 }
@@ -198,6 +198,7 @@ fn adjustment() -> AdjustmentResult {
         sigma_station_mm: 0.21,
         redundancy: 42,
         datum: "inner constraints on the plain targets".into(),
+        frame: FrameResult::default(),
         scale_from: ScaleSource::Codes,
         cameras: vec![CameraResult {
             camera: CameraId(1),

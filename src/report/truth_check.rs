@@ -306,7 +306,9 @@ fn compare_coordinates(
         if let Some(covariance) = network.points[id].covariance {
             let rotation = fit.rotation.matrix();
             let covariance = rotation * covariance * rotation.transpose();
+            // What the frame holds has no variance to be measured by.
             standardised += (0..3)
+                .filter(|&i| covariance[(i, i)] > 0.0)
                 .map(|i| difference[i].powi(2) / covariance[(i, i)])
                 .sum::<f64>();
         }

@@ -6,12 +6,21 @@ use std::sync::Arc;
 use super::bundle::{Bundle, BundleFailure, DatumPoints, adjust_what_holds, restore_rejected};
 use super::code_shape::CodeShapes;
 use super::lens::{IMAGES_FOR_ALL, LensFreedom, images_of_cameras};
-use super::scale::{align_to_control, apply_frame, bars_in_reach};
-use super::set_aside::{OF_OTHER_SHAPE, codes_set_aside, set_code_aside};
+use super::scale::{
+    align_to_control, apply_frame, bars_in_reach, keep_frame, leave_frame, transform,
+};
+use super::set_aside::{
+    OF_OTHER_SHAPE, codes_set_aside, intersect_operators_points, operators_labels_not_used,
+    set_code_aside,
+};
 use super::{Halt, StageError};
-use crate::adjustment::{AdjustmentError, BundleSettings};
+use crate::adjustment::{AdjustmentError, BundleSettings, RobustAdjustment};
+use crate::geometry::ThreeTwoOne;
 use crate::monitor::Monitor;
-use crate::network::{About, Finding, FindingKind, ImageId, Network, PointId, Stage, Standing};
+use crate::network::{
+    About, AdjustmentResult, Finding, FindingKind, Frame, FrameResult, ImageId, Network, Outcome,
+    PointId, Stage, Standing,
+};
 use crate::targets::Family;
 
 /// Share of a code's dots that must be rejected for its reading to be set aside.
@@ -23,13 +32,27 @@ const SHARE_TO_DOUBT_IMAGE: f64 = 0.5;
 /// What the operator reads where self-calibration was not possible.
 const LOOSE_LENS: &str = "the images cannot tell all lens parameters: those they leave loose are held near nominal values";
 
-/// Whether this adjustment has not been made on the present inputs.
+/// Whether this adjustment has not been made on the present inputs, or for another frame.
 pub(super) fn is_outdated(network: &Network, stage: Stage) -> bool {
     match (&network.adjustment, stage) {
         (Some(adjustment), Stage::AdjustCodes) => adjustment.basis != network.inputs,
-        (Some(adjustment), _) => adjustment.basis != network.inputs || adjustment.stage != stage,
+        (Some(adjustment), _) => {
+            adjustment.basis != network.inputs
+                || adjustment.stage != stage
+                || !network.frame_is_tried(adjustment)
+        }
         (None, _) => true,
     }
+}
+
+/// Whether the final adjustment was made on the present inputs but is no longer there: the history keeps the newest one
+/// only, so that going back to an older state needs it anew.
+pub(super) fn is_lost(network: &Network, stage: Stage) -> bool {
+    let made = network
+        .conclusions
+        .get(&stage)
+        .is_some_and(|c| matches!(c.outcome, Outcome::Done | Outcome::Incomplete));
+    stage == Stage::Adjust && made && network.adjustment.is_none()
 }
 
 /// The adjustment of a stage.
@@ -38,17 +61,67 @@ pub(super) fn run(network: &mut Network, stage: Stage, monitor: &Monitor) -> Res
     adjust(network, stage, monitor)
 }
 
-/// Adjusts all labelled dots, rejects gross errors, and records the result as that of `stage`.
+/// Adjusts all labelled dots, rejects gross errors, and records the result as that of `stage`; the final one stands in
+/// the frame that the operator asked for.
 pub(super) fn adjust(network: &mut Network, stage: Stage, monitor: &Monitor) -> Result<(), Halt> {
     restore_rejected(network);
+    intersect_operators_points(network);
+    let mut frame = FrameResult::default();
+    if stage == Stage::Adjust {
+        leave_frame(network);
+        frame.asked = network.frame;
+    }
     apply_frame(network);
+    let problem = network.frame_problem(&frame.asked);
+    frame.refused = problem.map(|problem| problem.to_string());
+    let points = match frame.asked {
+        Frame::ThreeTwoOne(points) if frame.refused.is_none() => Some(points),
+        _ => None,
+    };
+    let (bundle, robust) = match solve(network, stage, points.as_ref(), monitor) {
+        Err(failure) if failure.is_of_frame() => {
+            frame.refused = Some(failure.in_words);
+            solve(network, stage, None, monitor)
+        }
+        other => other,
+    }
+    .map_err(halt)?;
+    let motion = robust.adjustment.motion;
+    if let Some(motion) = &motion {
+        // What is not adjusted moves along.
+        transform(network, motion);
+    }
+    bundle.write_back(network, &robust.adjustment);
+    bundle.mark_rejected(network, &robust.adjustment);
+    let on_control = bundle.stands_on_control();
+    match motion {
+        Some(motion) if on_control => network.moved_by = Some(motion),
+        Some(motion) => keep_frame(network, motion),
+        None if on_control => {}
+        None => align_to_control(network),
+    }
+    network.adjustment = Some(Arc::new(AdjustmentResult {
+        frame,
+        ..bundle.result(network, stage, &robust.adjustment)
+    }));
+    Ok(())
+}
+
+/// The adjustment with rejection; where the images cannot tell all of the lens, what they leave loose is held.
+fn solve(
+    network: &mut Network,
+    stage: Stage,
+    frame: Option<&ThreeTwoOne<PointId>>,
+    monitor: &Monitor,
+) -> Result<(Bundle, RobustAdjustment), BundleFailure> {
     let datum = match stage {
         Stage::AdjustCodes => DatumPoints::Codes,
         Stage::Adjust => DatumPoints::Targets,
         _ => DatumPoints::All,
     };
-    let calibrated = |network: &Network| Bundle::assemble(network, LensFreedom::Free, datum);
-    let held = |network: &Network| Bundle::assemble(network, LensFreedom::Provisional, datum);
+    let assemble = |network: &Network, freedom: LensFreedom| {
+        Bundle::assemble(network, freedom, datum).in_frame(network, frame)
+    };
     let any_calibrated = images_of_cameras(network)
         .values()
         .any(|images| *images >= IMAGES_FOR_ALL);
@@ -56,7 +129,8 @@ pub(super) fn adjust(network: &mut Network, stage: Stage, monitor: &Monitor) -> 
         |finding: &Finding| (finding.stage, finding.kind) == (stage, FindingKind::Camera);
     Arc::make_mut(&mut network.findings).retain(|finding| !loose_lens(finding));
     let settings = BundleSettings::default();
-    let (bundle, robust) = match adjust_what_holds(network, calibrated, settings, monitor) {
+    let calibrated = |network: &Network| assemble(network, LensFreedom::Free);
+    match adjust_what_holds(network, calibrated, settings, monitor) {
         Err(BundleFailure {
             error: AdjustmentError::RankDefect { .. } | AdjustmentError::NotConverged(_),
             ..
@@ -67,18 +141,11 @@ pub(super) fn adjust(network: &mut Network, stage: Stage, monitor: &Monitor) -> 
                 about: About::Project,
                 text: LOOSE_LENS.into(),
             });
+            let held = |network: &Network| assemble(network, LensFreedom::Provisional);
             adjust_what_holds(network, held, settings, monitor)
         }
         other => other,
     }
-    .map_err(halt)?;
-    bundle.write_back(network, &robust.adjustment);
-    bundle.mark_rejected(network, &robust.adjustment);
-    if !bundle.stands_on_control() {
-        align_to_control(network);
-    }
-    network.adjustment = Some(Arc::new(bundle.result(network, stage, &robust.adjustment)));
-    Ok(())
 }
 
 pub(super) fn halt(failure: BundleFailure) -> Halt {
@@ -102,7 +169,11 @@ fn set_contradicted_codes_aside(network: &mut Network) {
                 set_code_aside(image, Family::Dot420, code, OF_OTHER_SHAPE);
             }
         }
-        Arc::make_mut(&mut network.points).retain(|point, _| !of_code(*point));
+        // Where the operator says that it is this code, its names stay and the adjustment tests them.
+        let stays = |id| network.images[id].labels.values().any(|l| of_code(l.point));
+        if !ids.iter().any(stays) {
+            Arc::make_mut(&mut network.points).retain(|point, _| !of_code(*point));
+        }
     }
 }
 
@@ -179,7 +250,20 @@ pub(super) fn findings(network: &Network, stage: Stage) -> Vec<Finding> {
             ),
         });
     }
+    let refused = network
+        .adjustment
+        .as_ref()
+        .and_then(|a| a.frame.refused.as_ref());
+    if let Some(reason) = refused.filter(|_| stage == Stage::Adjust) {
+        findings.push(Finding {
+            stage,
+            kind: FindingKind::Frame,
+            about: About::Project,
+            text: format!("the frame stays as it would be without a choice: {reason}"),
+        });
+    }
     findings.extend(codes_set_aside(network, stage, OF_OTHER_SHAPE));
+    findings.extend(operators_labels_not_used(network, stage));
     findings.extend(doubtful_images(network, stage));
     findings
 }

@@ -8,13 +8,14 @@ use super::scale::{bars_in_reach, scale_source};
 use crate::adjustment::{
     Adjustment, AdjustmentError, BundleProblem, BundleSettings, CameraBlock, CoordinatePrior,
     Datum, DistanceObservation, ImageObservation, ObservationStatus, ParameterName, PointBlock,
-    RejectionSettings, RobustAdjustment, StationBlock, adjust_with_rejection,
+    ProblemPart, RejectionSettings, RobustAdjustment, StationBlock, adjust_with_rejection,
 };
 use crate::camera::INTERIOR_NAMES;
+use crate::geometry::ThreeTwoOne;
 use crate::monitor::Monitor;
 use crate::network::{
     AdjustedObservation, AdjustmentResult, Attempt, BarResult, BarRole, CameraId, CameraResult,
-    ControlRole, ImageEntry, ImageId, Network, Point, PointId, PointKind, ScaleSource, Source,
+    ControlRole, FrameResult, ImageEntry, ImageId, Network, Point, PointId, PointKind, ScaleSource,
     Stage, Standing, Station,
 };
 use crate::targets::DotIndex;
@@ -50,6 +51,21 @@ pub(super) enum DatumPoints {
     Targets,
 }
 
+impl BundleFailure {
+    /// Whether all went well but for the frame by three points.
+    pub(super) fn is_of_frame(&self) -> bool {
+        matches!(
+            self.error,
+            AdjustmentError::FramePoint { .. }
+                | AdjustmentError::FrameShape(_)
+                | AdjustmentError::InvalidInput {
+                    part: ProblemPart::Frame,
+                    ..
+                }
+        )
+    }
+}
+
 impl DatumPoints {
     fn holds(self, id: PointId) -> bool {
         match self {
@@ -69,6 +85,7 @@ pub(super) struct Bundle {
     points: Vec<PointId>,
     rows: Vec<(ImageId, DotIndex)>,
     bars: Vec<String>,
+    frame: Option<ThreeTwoOne<PointId>>,
 }
 
 impl Bundle {
@@ -157,6 +174,7 @@ impl Bundle {
             observations,
             distances,
             datum,
+            frame: None,
             rejected: BTreeSet::new(),
         };
         Self {
@@ -167,7 +185,36 @@ impl Bundle {
             points,
             rows,
             bars,
+            frame: None,
         }
+    }
+
+    /// The same with its result in the frame by three points, where one is asked for.
+    pub(super) fn in_frame(
+        mut self,
+        network: &Network,
+        frame: Option<&ThreeTwoOne<PointId>>,
+    ) -> Self {
+        let Some(frame) = frame else { return self };
+        self.frame = Some(*frame);
+        // A point that is not among the bundle's gets an index of none, which the adjustment refuses as such.
+        let index = |id: &PointId| self.points.binary_search(id).unwrap_or(usize::MAX);
+        self.problem.frame = Some(frame.map(index));
+        let labels = frame.map(|id| network.label(*id));
+        let shape = if self.stands_on_control() {
+            "; known coordinates of control points hold shape and scale"
+        } else {
+            ""
+        };
+        self.datum = format!(
+            "3-2-1: origin {}, {} axis through {}, {} plane through {}{shape}",
+            labels.origin,
+            frame.order.axis_name(),
+            labels.axis,
+            frame.order.plane_name(),
+            labels.plane
+        );
+        self
     }
 
     /// Whether an adjustment has anything to do.
@@ -195,6 +242,15 @@ impl Bundle {
                     labels.join(", ")
                 )
             }
+            AdjustmentError::InvalidInput {
+                part: ProblemPart::Frame,
+                index,
+            } => {
+                let frame = self.frame.as_ref();
+                let point = frame.map(|frame| network.label(*frame.held()[*index].0));
+                not_in_frame(&point.unwrap_or_default())
+            }
+            AdjustmentError::FramePoint { point } => not_in_frame(&label(*point)),
             AdjustmentError::StationUnderdetermined { station, found } => {
                 format!("{} has {found} used image points, needs 3", image(*station))
             }
@@ -305,6 +361,7 @@ impl Bundle {
             sigma_station_mm: adjustment.sigma_station_mm(),
             redundancy: adjustment.redundancy as i64,
             datum: self.datum.clone(),
+            frame: FrameResult::default(),
             scale_from: scale_source(network),
             cameras: self
                 .cameras
@@ -336,6 +393,12 @@ impl Bundle {
             })
             .collect()
     }
+}
+
+fn not_in_frame(label: &str) -> String {
+    format!(
+        "{label} takes no part in the adjustment, expected a point with rays of two or more images"
+    )
 }
 
 /// Adjusts with rejection. An image whose orientation its remaining points no longer determine is set aside, and the
@@ -398,7 +461,7 @@ pub(super) fn restore_rejected(network: &mut Network) {
             .any(|l| l.rejected.is_some());
         if touched {
             for label in Arc::make_mut(&mut network.image_mut(id).labels).values_mut() {
-                if label.source == Source::Automatic {
+                if !label.is_rejected_by_operator() {
                     label.rejected = None;
                 }
             }

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use super::bundle::{Bundle, DatumPoints, adjust_what_holds, known_points, restore_rejected};
+use super::by_hand::{POINTS_BY_HAND, give_names};
 use super::lens::LensFreedom;
 use super::resection::{KnownRay, intersect_new_points, known_rays, misfits, resect};
 use super::scale::apply_frame;
@@ -12,10 +13,12 @@ use super::{Halt, adjust};
 use crate::adjustment::BundleSettings;
 use crate::monitor::Monitor;
 use crate::network::{
-    About, Attempt, Code, Finding, FindingKind, ImageId, Network, PointId, Stage, Station,
+    About, Attempt, Code, Finding, FindingKind, ImageEntry, ImageId, Network, PointId, Source,
+    Stage, Station,
 };
 
-/// Fewest known points that orient an image: three give up to four poses, the fourth decides.
+/// Fewest known points that orient an image: three give up to four poses, the fourth decides. Three that the operator
+/// named do ([`super::by_hand`]).
 const POINTS_TO_CONNECT: usize = 4;
 
 /// Convergence of an update, in standard deviations of the observations: the next update moves everything further.
@@ -31,11 +34,20 @@ pub(super) fn next(network: &Network) -> Option<ImageId> {
         .map(|(id, image)| (known_points(network, image), id, image))
         .filter(|(known, _, image)| {
             let tried = image.attempt.as_ref().filter(|a| a.basis == network.inputs);
-            *known >= POINTS_TO_CONNECT && tried.is_none_or(|attempt| *known > attempt.known_points)
+            is_enough(network, image, *known)
+                && tried.is_none_or(|attempt| *known > attempt.known_points)
         })
         // Most known points first; of equal ones the first image.
         .min_by_key(|(known, id, _)| (std::cmp::Reverse(*known), *id))
         .map(|(_, id, _)| id)
+}
+
+/// Whether an image with so many known points can be oriented.
+fn is_enough(network: &Network, image: &ImageEntry, known: usize) -> bool {
+    let by_hand = image.used_labels().filter(|(_, label)| {
+        label.source == Source::Operator && network.points.contains_key(&label.point)
+    });
+    known >= POINTS_TO_CONNECT || by_hand.count() >= POINTS_BY_HAND
 }
 
 /// Connects one image, or records why it cannot be connected now.
@@ -62,6 +74,7 @@ pub(super) fn run(network: &mut Network, id: ImageId, monitor: &Monitor) -> Resu
                 covariance: None,
             });
             image.attempt = None;
+            give_names(image, &resection.named);
             Arc::make_mut(&mut network.connection_order).push(id);
             open
         }
@@ -175,7 +188,9 @@ pub(super) fn findings(network: &Network) -> Vec<Finding> {
             let reason = image.attempt.as_ref().map_or_else(
                 || {
                     let known = known_points(network, image);
-                    format!("it shows {known} known points, {POINTS_TO_CONNECT} are needed")
+                    format!(
+                        "it shows {known} known points, {POINTS_TO_CONNECT} are needed, or {POINTS_BY_HAND} that you label"
+                    )
                 },
                 |attempt| attempt.reason.clone(),
             );

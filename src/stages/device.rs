@@ -70,6 +70,7 @@ fn recognise(network: &Network, id: ImageId, image: &ImageEntry) -> Option<Devic
         .iter()
         .filter(|(_, label)| !matches!(label.point, PointId::Device(_)))
         .map(|(dot, _)| dot.slot())
+        .chain(image.rejected_dots.keys().map(|dot| dot.slot()))
         .collect();
     let c = camera.interior.principal_distance;
     let settings = DeviceSettings {

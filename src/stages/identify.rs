@@ -184,7 +184,7 @@ impl Scene {
 /// Whether a dot has no name that holds: none, or that of a code which only this image shows.
 fn is_free(network: &Network, image: &ImageEntry, dot: DotIndex) -> bool {
     match image.labels.get(&dot) {
-        None => true,
+        None => !image.rejected_dots.contains_key(&dot),
         Some(label) => {
             label.source == Source::Automatic && !network.points.contains_key(&label.point)
         }
@@ -271,6 +271,11 @@ impl Names<'_> {
     fn name(&self, network: &mut Network, member: Member, point: PointId) {
         let dot = self.views[member.view].dots[member.dot];
         let image = network.image_mut(self.images[member.view]);
+        let by_operator = |label: &Label| label.source == Source::Operator;
+        let taken = |label: &Label| by_operator(label) && label.point == point;
+        if image.labels.get(&dot).is_some_and(by_operator) || image.labels.values().any(taken) {
+            return;
+        }
         let previous = image.labels.get(&dot).map(|label| label.point);
         if let Some((family, code)) = previous.filter(|p| *p != point).and_then(PointId::code) {
             set_code_aside(image, family, code, OF_OTHER_TARGETS);

@@ -8,12 +8,15 @@
 
 mod adjust;
 mod bundle;
+mod by_hand;
 mod code_shape;
 mod connect;
 mod detect;
 mod device;
 mod distance_search;
 mod first_pair;
+#[cfg(test)]
+mod frame_tests;
 mod identify;
 mod lens;
 mod resection;
@@ -137,7 +140,8 @@ impl Stage {
     /// The next step of this stage; `None` where it is done or something is missing.
     #[must_use]
     pub fn next(self, network: &Network) -> Option<Step> {
-        if self.missing(network).is_some() || network.is_concluded(self) {
+        let done = network.is_concluded(self) && !adjust::is_lost(network, self);
+        if self.missing(network).is_some() || done {
             return None;
         }
         match self {

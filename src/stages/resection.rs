@@ -5,10 +5,11 @@ use std::sync::Arc;
 
 use nalgebra::{Vector2, Vector3};
 
+use super::by_hand::{self, Confirmed, resect_from_three, three_by_hand};
 use super::lens::{IMAGES_FOR_ALL, images_of_cameras};
 use crate::camera::Camera;
 use crate::geometry::{Pose, Ray, intersect_rays};
-use crate::network::{CodeDot, ImageId, Network, Point, PointId};
+use crate::network::{CodeDot, ImageId, Network, Point, PointId, Source};
 use crate::orientation::consensus::{ConsensusSettings, resect_by_consensus};
 use crate::orientation::refine::{Loss, PoseObservation, RefineSettings, refine_pose};
 use crate::orientation::similarity::{CodeView, resect_by_similarity};
@@ -44,6 +45,8 @@ const SIDE_PITCHES: f64 = 6.0;
 #[derive(Clone, Debug)]
 pub(super) struct KnownRay {
     pub(super) point: PointId,
+    /// Who named it.
+    pub(super) source: Source,
     pub(super) observation: PoseObservation,
 }
 
@@ -53,10 +56,12 @@ pub(super) struct FoundPose {
     pub(super) pose: Pose,
     /// Places (among the known rays) of dots that miss it by far.
     pub(super) misfits: Vec<usize>,
+    /// Dots without a name that turned out to be known points.
+    pub(super) named: Vec<(DotIndex, PointId)>,
 }
 
 /// The second of the limits where enough images have calibrated the lenses of all cameras that took part so far.
-fn lens_limit(network: &Network, limits: [f64; 2]) -> f64 {
+pub(super) fn lens_limit(network: &Network, limits: [f64; 2]) -> f64 {
     let images = images_of_cameras(network);
     let known = !images.is_empty() && images.values().all(|images| *images >= IMAGES_FOR_ALL);
     limits[usize::from(known)]
@@ -80,14 +85,14 @@ pub(super) fn known_rays(network: &Network, id: ImageId) -> Vec<KnownRay> {
             };
             Some(KnownRay {
                 point: label.point,
+                source: label.source,
                 observation,
             })
         })
         .collect()
 }
 
-/// Orients an image: by the closed-form similarity transformation where it shows three known `dot420` codes, else by
-/// three points in sample consensus; both refined by collinearity.
+/// Orients an image from all its known points; where they do not agree on a pose, from those that the operator named.
 ///
 /// # Errors
 /// The reason in the operator's words.
@@ -96,6 +101,51 @@ pub(super) fn resect(
     id: ImageId,
     rays: &[KnownRay],
 ) -> Result<FoundPose, String> {
+    let reason = match resect_from_all(network, id, rays) {
+        Ok(found) => return Ok(found),
+        Err(reason) => reason,
+    };
+    if let Some(three) = three_by_hand(rays) {
+        let confirmed = resect_from_three(network, id, &three)?;
+        return Ok(from_confirmed(network, id, rays, confirmed));
+    }
+    let by_hand: Vec<KnownRay> = rays
+        .iter()
+        .filter(|ray| ray.source == Source::Operator)
+        .cloned()
+        .collect();
+    if by_hand.len() < 4 || by_hand.len() == rays.len() {
+        return Err(reason);
+    }
+    let found = resect_from_all(network, id, &by_hand)?;
+    let confirmed = Confirmed {
+        pose: found.pose,
+        named: found.named,
+    };
+    Ok(from_confirmed(network, id, rays, confirmed))
+}
+
+fn from_confirmed(
+    network: &Network,
+    id: ImageId,
+    rays: &[KnownRay],
+    confirmed: Confirmed,
+) -> FoundPose {
+    let camera = &network.camera_of(&network.images[&id]).camera;
+    let limit = lens_limit(network, MISFIT_PX);
+    let misses = |index: &usize| {
+        residual_px(camera, &confirmed.pose, &rays[*index].observation).is_none_or(|r| r > limit)
+    };
+    FoundPose {
+        misfits: (0..rays.len()).filter(misses).collect(),
+        pose: confirmed.pose,
+        named: confirmed.named,
+    }
+}
+
+/// Orients an image: by the closed-form similarity transformation where it shows three known `dot420` codes, else by
+/// three points in sample consensus; both refined by collinearity.
+fn resect_from_all(network: &Network, id: ImageId, rays: &[KnownRay]) -> Result<FoundPose, String> {
     let camera = &network.camera_of(&network.images[&id]).camera;
     let observations: Vec<PoseObservation> = rays.iter().map(|ray| ray.observation).collect();
     let needed = ((SHARE_TO_AGREE * rays.len() as f64).ceil() as usize).max(4);
@@ -110,10 +160,13 @@ pub(super) fn resect(
     for tolerance_px in TOLERANCES_PX {
         let refined =
             start.and_then(|pose| refine_within(camera, &observations, &pose, tolerance_px));
-        let pose = match refined.filter(|found| found.agreeing >= needed) {
-            Some(found) => found.pose,
-            None => match by_consensus(network, camera, &observations, tolerance_px, needed) {
-                Ok(pose) => pose,
+        let Confirmed { pose, named } = match refined.filter(|found| found.agreeing >= needed) {
+            Some(found) => Confirmed {
+                pose: found.pose,
+                named: Vec::new(),
+            },
+            None => match by_consensus(network, id, rays, tolerance_px, needed) {
+                Ok(confirmed) => confirmed,
                 Err(why) => {
                     reason = why;
                     continue;
@@ -126,7 +179,11 @@ pub(super) fn resect(
                 residual_px(camera, &pose, &observations[index]).is_none_or(|r| r > limit)
             })
             .collect();
-        return Ok(FoundPose { pose, misfits });
+        return Ok(FoundPose {
+            pose,
+            misfits,
+            named,
+        });
     }
     Err(reason)
 }
@@ -145,13 +202,17 @@ pub(super) fn misfits(network: &Network, id: ImageId, rays: &[KnownRay]) -> Vec<
         .collect()
 }
 
+/// The pose that most points agree on; where two do as well, the one that the dots without a name speak for.
 fn by_consensus(
     network: &Network,
-    camera: &Camera,
-    observations: &[PoseObservation],
+    id: ImageId,
+    rays: &[KnownRay],
     tolerance_px: f64,
     needed: usize,
-) -> Result<Pose, String> {
+) -> Result<Confirmed, String> {
+    let camera = &network.camera_of(&network.images[&id]).camera;
+    let observations: Vec<PoseObservation> = rays.iter().map(|ray| ray.observation).collect();
+    let observations = observations.as_slice();
     let settings = ConsensusSettings {
         tolerance_px,
         least_inliers: needed,
@@ -163,6 +224,10 @@ fn by_consensus(
         && other.inliers >= found.inlier_count
         && other.rms_px < 2.0 * found.rms_px
     {
+        let poses = [found.pose, other.pose];
+        if let Some(confirmed) = by_hand::decide(network, id, &poses, rays) {
+            return Ok(confirmed);
+        }
         return Err(format!(
             "two poses fit its {} known points equally well ({:.2} px and {:.2} px)",
             observations.len(),
@@ -170,10 +235,11 @@ fn by_consensus(
             other.rms_px
         ));
     }
-    Ok(
-        refine_within(camera, observations, &found.pose, tolerance_px)
-            .map_or(found.pose, |refined| refined.pose),
-    )
+    let refined = refine_within(camera, observations, &found.pose, tolerance_px);
+    Ok(Confirmed {
+        pose: refined.map_or(found.pose, |refined| refined.pose),
+        named: Vec::new(),
+    })
 }
 
 struct RefinedWithin {

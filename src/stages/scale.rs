@@ -6,7 +6,7 @@ use nalgebra::{Matrix6, Vector3};
 
 use crate::geometry::{Pose, Scale, Similarity, fit_similarity};
 use crate::network::{
-    BarRole, CodeDot, ControlRole, DevicePoint, ImageUse, Network, PointId, ScaleBar, ScaleSource,
+    BarRole, CodeDot, DevicePoint, Frame, ImageUse, Network, PointId, ScaleBar, ScaleSource,
     Station,
 };
 use crate::targets::Family;
@@ -39,7 +39,7 @@ pub(super) fn bars_in_reach(network: &Network) -> Vec<(&ScaleBar, [PointId; 2])>
 
 /// Where the scale comes from: control, else bars, else the cross, else the codes' pitch, else it is arbitrary.
 pub(super) fn scale_source(network: &Network) -> ScaleSource {
-    if aligning_control(network).len() >= 3 {
+    if network.control_pairs().len() >= 3 {
         ScaleSource::Control
     } else if !control_bars(network).is_empty() {
         ScaleSource::Bars
@@ -56,7 +56,7 @@ pub(super) fn scale_source(network: &Network) -> ScaleSource {
 /// or, with bars, improves it.
 fn apply_scale(network: &mut Network) {
     let lengths: Vec<Lengths> = match scale_source(network) {
-        ScaleSource::Control => pair_lengths(&aligning_control(network)),
+        ScaleSource::Control => pair_lengths(&network.control_pairs()),
         ScaleSource::Bars => control_bars(network)
             .iter()
             .map(|(bar, [from, to])| Lengths {
@@ -121,26 +121,49 @@ pub(super) fn apply_frame(network: &mut Network) {
     align_to_control(network);
 }
 
-/// Moves the network onto its control points by a best fit where three or more of them have coordinates.
+/// Moves the network onto its control points by a best fit where three or more of them have coordinates. Where the
+/// operator wants the network's own frame, the fit gives its scale alone.
 pub(super) fn align_to_control(network: &mut Network) {
-    let pairs = aligning_control(network);
-    if let Ok(fit) = fit_similarity(&pairs, Scale::Free) {
+    let Ok(fit) = fit_similarity(&network.control_pairs(), Scale::Free) else {
+        return;
+    };
+    if network.frame == Frame::Free && !network.control_holds() {
+        let places = || network.points.values().map(|point| point.position);
+        let centre = places().sum::<Vector3<f64>>() / places().count().max(1) as f64;
+        let scaled = Similarity {
+            scale: fit.scale,
+            translation: (1.0 - fit.scale) * centre,
+            ..Similarity::identity()
+        };
+        transform(network, &scaled);
+    } else {
         transform(network, &fit);
+        network.moved_by = None;
     }
 }
 
-/// Pairs (present, known) of the points the network is to be aligned to.
-fn aligning_control(network: &Network) -> Vec<(Vector3<f64>, Vector3<f64>)> {
-    network
-        .control
-        .iter()
-        .filter(|point| point.role != ControlRole::Check)
-        .filter_map(|point| {
-            let [x, y, z] = point.coordinates_mm;
-            let id = network.point_of_label(&point.label).ok()?;
-            Some((network.points.get(&id)?.position, Vector3::new(x?, y?, z?)))
-        })
-        .collect()
+/// Brings the network back from a frame by three points into its own: there it is adjusted, so that a choice of frame
+/// leaves no trace in the digits.
+pub(super) fn leave_frame(network: &mut Network) {
+    if let Some(motion) = network.moved_by.take() {
+        transform(network, &motion.inverse());
+    }
+}
+
+/// Gives a network that `motion` has just brought into a frame by three points the scale of its control points, which
+/// moves nothing out of that frame; remembers how it came there.
+pub(super) fn keep_frame(network: &mut Network, motion: Similarity) {
+    network.moved_by = Some(motion);
+    if let Ok(fit) = fit_similarity(&network.control_pairs(), Scale::Free) {
+        let scaled = Similarity {
+            scale: fit.scale,
+            ..Similarity::identity()
+        };
+        transform(network, &scaled);
+        // Without the frame it would stand on its control points.
+        let own = Similarity { scale: 1.0, ..fit };
+        network.moved_by = Some(own.inverse());
+    }
 }
 
 /// Pairs (present, known) of the cross.

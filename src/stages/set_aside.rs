@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::resection::intersect_new_points;
 use crate::network::{About, Finding, FindingKind, ImageEntry, Network, Source, Stage};
 use crate::targets::{CodeReading, Family};
 
@@ -21,11 +22,54 @@ pub(super) fn set_code_aside(image: &mut ImageEntry, family: Family, code: u32, 
     };
     let of_code = |r: &CodeReading| (r.family, r.id) == (family, code);
     for place in (0..detections.codes.len()).filter(|&place| of_code(&detections.codes[place])) {
-        Arc::make_mut(&mut image.set_aside).insert(place, reason.to_owned());
+        // What the operator said of a reading stands; the adjustment tests its dots one by one.
+        if !image.is_reading_of_operator(place) {
+            let aside = Arc::make_mut(&mut image.set_aside);
+            aside.entry(place).or_insert_with(|| reason.to_owned());
+        }
     }
     Arc::make_mut(&mut image.labels).retain(|_, label| {
         label.point.code() != Some((family, code)) || label.source == Source::Operator
     });
+}
+
+/// Names given by the operator that this adjustment did not use: they stay, and the operator reads why they do not help.
+pub(super) fn operators_labels_not_used(network: &Network, stage: Stage) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    for (id, image) in network.used_images() {
+        for label in image.labels.values() {
+            let by_operator = label.source == Source::Operator;
+            let Some(reason) = label.rejected.as_ref().filter(|_| by_operator) else {
+                continue;
+            };
+            if !label.is_rejected_by_operator() {
+                let name = network.label(label.point);
+                findings.push(Finding {
+                    stage,
+                    kind: FindingKind::RejectedObservation,
+                    about: About::Image(id),
+                    text: format!(
+                        "{}: {name}, named by hand, is not used: {reason}",
+                        image.file.path
+                    ),
+                });
+            }
+        }
+    }
+    findings
+}
+
+/// Points that the operator named and that have no coordinates get them where their rays meet: identification does not
+/// touch what the operator named, and an image that is connected already is not connected again.
+pub(super) fn intersect_operators_points(network: &mut Network) {
+    let waiting = network.oriented_images().any(|(_, image, _)| {
+        image.used_labels().any(|(_, label)| {
+            label.source == Source::Operator && !network.points.contains_key(&label.point)
+        })
+    });
+    if waiting {
+        intersect_new_points(network);
+    }
 }
 
 /// A finding for each reading that was set aside for this reason, by image and place.

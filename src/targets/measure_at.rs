@@ -334,7 +334,11 @@ mod tests {
             &MeasureAtSettings::default(),
         );
         let neighbour = neighbour.unwrap();
-        let dot = centre_by_hand(&image, Vector2::new(30.0, 30.0), &[neighbour.clone()]);
+        let dot = centre_by_hand(
+            &image,
+            Vector2::new(30.0, 30.0),
+            std::slice::from_ref(&neighbour),
+        );
         assert_eq!((dot.sigma_px, dot.major_px), (0.5, neighbour.major_px));
     }
 }

@@ -424,7 +424,7 @@ mod tests {
         write(&folder, "a.pgm", 7);
         let (wake, woken) = channel();
         let mut store = PictureStore::new(PictureSettings::default(), move || {
-            wake.send(()).unwrap_or(())
+            wake.send(()).unwrap_or(());
         })
         .unwrap();
         store.set_folder(&folder);

@@ -258,6 +258,8 @@ impl Reader<'_> {
             device: self.part(rows, "device"),
             scale_bars: self.part(rows, "scale_bars"),
             control: self.part(rows, "control"),
+            frame: self.newer_part(rows, "frame"),
+            moved_by: self.newer_part(rows, "moved_by"),
             connection_order: self.part(rows, "connection_order"),
             passes: self.part(rows, "passes"),
             conclusions: self.part(rows, "conclusions"),
@@ -285,6 +287,18 @@ impl Reader<'_> {
             }
         }
         .unwrap_or_default()
+    }
+
+    /// A part of the document that files of earlier programs do not have.
+    fn newer_part<T: DeserializeOwned + Default>(
+        &mut self,
+        rows: &mut BTreeMap<RowId, String>,
+        name: &str,
+    ) -> T {
+        let place = singleton(name);
+        let json = rows.remove(&place.id);
+        json.and_then(|json| self.decoded(&place, &json))
+            .unwrap_or_default()
     }
 
     fn images(&mut self) -> BTreeMap<ImageId, Arc<ImageEntry>> {

@@ -20,6 +20,7 @@ pub(super) fn repair(network: &mut Network) -> Vec<String> {
             entry.labels = Arc::default();
             entry.set_aside = Arc::default();
             entry.unlabelled = Arc::default();
+            entry.rejected_dots = Arc::default();
             lines.push(format!("marks {}: left out, the detections are lost", id.0));
         }
         images.insert(id, image);
@@ -41,6 +42,7 @@ fn refers_to_lost_dots(image: &ImageEntry) -> bool {
     let codes = image.detections.as_ref().map_or(0, |d| d.codes.len());
     image.labels.keys().any(|dot| dot.slot() >= dots)
         || image.unlabelled.keys().any(|dot| dot.slot() >= dots)
+        || image.rejected_dots.keys().any(|dot| dot.slot() >= dots)
         || image.set_aside.keys().any(|&place| place >= codes)
 }
 

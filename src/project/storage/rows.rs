@@ -222,6 +222,8 @@ impl Changes {
             device,
             scale_bars,
             control,
+            frame,
+            moved_by,
             connection_order,
             passes,
             conclusions,
@@ -234,6 +236,8 @@ impl Changes {
         self.shared("device", saved.map(|n| &n.device), device)?;
         self.shared("scale_bars", saved.map(|n| &n.scale_bars), scale_bars)?;
         self.shared("control", saved.map(|n| &n.control), control)?;
+        self.plain("frame", saved.map(|n| &n.frame), frame)?;
+        self.plain("moved_by", saved.map(|n| &n.moved_by), moved_by)?;
         let order = saved.map(|n| &n.connection_order);
         self.shared("connection_order", order, connection_order)?;
         self.shared("passes", saved.map(|n| &n.passes), passes)?;

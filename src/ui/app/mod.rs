@@ -29,6 +29,7 @@ use super::image_view::ImageView;
 use super::layout::{Pane, first_layout};
 use super::network_view::NetworkView;
 use super::panels::findings::Findings;
+use super::panels::frame::Frame;
 use super::panels::images::Images;
 use super::panels::inspector::Inspector;
 use super::panels::journal::Journal;
@@ -98,6 +99,7 @@ struct Panels {
     views: Vec<Option<ImageView>>,
     network: NetworkView,
     inspector: Inspector,
+    frame: Frame,
     findings: Findings,
     review: Review,
     tables: Tables,
@@ -145,6 +147,7 @@ impl App {
                 views: Vec::new(),
                 network: NetworkView::new(),
                 inspector: Inspector::default(),
+                frame: Frame::default(),
                 findings: Findings::default(),
                 review: Review::default(),
                 tables: Tables::default(),

@@ -64,7 +64,8 @@ impl Draw<'_> {
             Pane::Stages => panels.stages.ui(ui, view, self.runner, actions),
             Pane::Images => panels.images.ui(ui, view, actions),
             Pane::Inspector => panels.inspector.ui(ui, view, actions),
-            Pane::Frame | Pane::Image(_) | Pane::Network => {}
+            Pane::Frame => panels.frame.ui(ui, view, actions),
+            Pane::Image(_) | Pane::Network => {}
             Pane::Findings => panels.findings.ui(ui, view, actions),
             Pane::Review => panels.review.ui(ui, view, actions),
             Pane::Tables => panels.tables.ui(ui, view, actions),

@@ -85,6 +85,12 @@ impl ImageView {
             .and_then(|point| marks.missed.iter().find(|m| m.point == point))
         {
             easel.selected(missed.place_px, 6.0);
+        } else if let Some((_, place)) = context
+            .selection
+            .place
+            .filter(|(image, _)| *image == self.image)
+        {
+            easel.selected(place.into(), 6.0);
         }
         if let Some(Popup::Label(LabelPopup {
             subject: Subject::New { dot, .. },

@@ -3,7 +3,7 @@
 use egui::{Align2, Key, Pos2, RichText};
 use nalgebra::Vector2;
 
-use super::prediction::Sight;
+use super::prediction::{Misfit, Sight};
 use crate::network::{ImageId, Network, PointId};
 use crate::targets::{Dot, DotIndex};
 
@@ -16,11 +16,14 @@ pub struct LabelCandidate {
     pub label: String,
     /// Distance of its predicted place from the dot, px; `None` where nothing predicts it.
     pub distance_px: Option<f64>,
+    /// The same in standard deviations of the prediction.
+    pub sigmas: Option<f64>,
     /// Another dot of this image that has the name now, and would lose it.
     pub held_by: Option<DotIndex>,
 }
 
-/// All points with coordinates, nearest to a place of an image first; without an orientation by their names.
+/// All points with coordinates, likeliest at a place of an image first (by the distance in standard deviations of the
+/// prediction); without an orientation by their names.
 #[must_use]
 pub fn rank_labels(
     network: &Network,
@@ -38,29 +41,27 @@ pub fn rank_labels(
             .find(|(_, label)| label.point == point)
             .map(|(dot, _)| *dot)
     };
-    let mut near: Vec<(Option<f64>, PointId)> = network
+    let mut near: Vec<(Option<Misfit>, PointId)> = network
         .points
         .iter()
         .filter_map(|(id, point)| match &sight {
-            Some(sight) => Some((
-                Some((sight.project(&point.position)? - place_px).norm()),
-                *id,
-            )),
+            Some(sight) => Some((Some(sight.misfit(point, place_px)?), *id)),
             None => Some((None, *id)),
         })
         .collect();
     near.sort_by(|(a, first), (b, second)| {
-        let distance = |d: &Option<f64>| d.unwrap_or(f64::INFINITY);
-        distance(a).total_cmp(&distance(b)).then(first.cmp(second))
+        let rank = |misfit: &Option<Misfit>| misfit.map_or(f64::INFINITY, |m| m.rank);
+        rank(a).total_cmp(&rank(b)).then(first.cmp(second))
     });
     /// Nobody looks farther down the list; the filter has the others.
     const MOST: usize = 5000;
     near.truncate(MOST);
     near.into_iter()
-        .map(|(distance_px, point)| LabelCandidate {
+        .map(|(misfit, point)| LabelCandidate {
             point,
             label: network.label(point),
-            distance_px,
+            distance_px: misfit.map(|m| m.distance_px),
+            sigmas: misfit.map(|m| m.sigmas),
             held_by: held(point),
         })
         .collect()
@@ -88,6 +89,7 @@ pub fn filtered(ranked: &[LabelCandidate], text: &str, network: &Network) -> Vec
                 point,
                 label: network.label(point),
                 distance_px: None,
+                sigmas: None,
                 held_by: None,
             },
         };
@@ -243,9 +245,10 @@ impl LabelPopup {
 }
 
 fn row_text(candidate: &LabelCandidate) -> String {
-    let distance = candidate
-        .distance_px
-        .map_or("no place known".into(), |d| format!("{d:.1} px"));
+    let distance = match (candidate.distance_px, candidate.sigmas) {
+        (Some(distance), Some(sigmas)) => format!("{distance:.1} px, {sigmas:.1} sigma"),
+        _ => "no place known".into(),
+    };
     let held = candidate.held_by.map_or("", |_| ", now on another dot");
     format!("{}   {distance}{held}", candidate.label)
 }

@@ -172,7 +172,7 @@ fn gathered(network: &Network, image: ImageId) -> Marks {
     let Some(entry) = network.images.get(&image) else {
         return Marks::default();
     };
-    let missed = missed_targets(network, image, entry);
+    let missed = missed_targets(network, entry);
     let Some(detections) = &entry.detections else {
         return Marks {
             missed,
@@ -284,7 +284,7 @@ fn mark(
             };
             (class, Some(network.label(label.point)), reason)
         }
-        (None, Some(code)) => {
+        (None, Some(code)) if !entry.rejected_dots.contains_key(&index) => {
             let class = if code.doubt.is_some() {
                 DotClass::Doubtful
             } else {
@@ -296,11 +296,15 @@ fn mark(
                 code.doubt.clone(),
             )
         }
-        (None, None) => (
-            DotClass::Doubtful,
-            None,
-            entry.unlabelled.get(&index).cloned(),
-        ),
+        (None, _) => {
+            let rejected = entry.rejected_dots.get(&index);
+            let class = match rejected {
+                Some(_) => DotClass::Rejected,
+                None => DotClass::Doubtful,
+            };
+            let reason = rejected.or_else(|| entry.unlabelled.get(&index));
+            (class, None, reason.cloned())
+        }
     };
     Mark {
         index,

@@ -13,6 +13,7 @@ mod hover;
 mod labelling;
 mod levels;
 mod marks;
+mod measuring;
 mod notes;
 mod overlay;
 mod prediction;
@@ -42,8 +43,11 @@ use transform::Sight;
 
 pub use labelling::{LabelCandidate, filtered, new_target, rank_labels};
 pub use marks::DotClass;
+pub use measuring::MeasuredByHand;
 pub use overlay::{Overlay, Overlays};
-pub use prediction::{Facing, Predicted, missed_targets};
+pub use prediction::{
+    Directions, Facing, Misfit, Predicted, misfit_of, missed_targets, missed_with,
+};
 pub use tiles::install;
 pub use transform::{PixelRect, ScreenFromImage};
 pub use window::GreyWindow;

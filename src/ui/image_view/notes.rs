@@ -77,7 +77,7 @@ pub(super) fn hints(
         PictureState::Ready(_) => {}
         PictureState::Loading => lines.push("Reading the picture".into()),
         PictureState::Missing(reason) => {
-            lines.push(format!("The picture cannot be read. {reason}"))
+            lines.push(format!("The picture cannot be read. {reason}"));
         }
     }
     let detections = canvas.entry.detections.as_ref();

@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix6, SMatrix, Vector2, Vector3};
 
 use crate::camera::Camera;
-use crate::geometry::Pose;
-use crate::network::{ImageEntry, ImageId, Network, PointId};
+use crate::geometry::{Pose, skew};
+use crate::network::{ImageEntry, ImageId, Network, Point, PointId};
 use crate::targets::DotIndex;
 
 /// A dot nearer than this to a predicted place is taken for the target, px.
@@ -25,6 +25,8 @@ pub struct Predicted {
     pub place_px: Vector2<f64>,
     /// Whether it is turned to the camera, as far as its other rays tell.
     pub facing: Facing,
+    /// Cosine of the angle between its mean ray and that to this camera; `None` where nothing is known of it.
+    pub cosine: Option<f64>,
 }
 
 /// Whether a point's face is turned to a camera.
@@ -36,29 +38,133 @@ pub enum Facing {
     Unknown,
 }
 
+/// Standard deviation of a predicted place besides those of station and point, px: eccentricity, and a lens that is not
+/// known to the last. Without it points known to a micrometre would count as far from any dot.
+const FLOOR_PX: f64 = 0.3;
+
+/// How badly a place of an image fits a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Misfit {
+    /// Distance from the predicted place, px.
+    pub distance_px: f64,
+    /// The same in standard deviations of the prediction.
+    pub sigmas: f64,
+    /// Twice the negative logarithm of the likelihood but for a constant; the smallest comes first. Sigmas alone would
+    /// put a point that is hardly known before the one that lies there.
+    pub rank: f64,
+}
+
+/// How badly a place of an image fits a point of the network; `None` without an orientation.
+#[must_use]
+pub fn misfit_of(
+    network: &Network,
+    entry: &ImageEntry,
+    point: PointId,
+    place_px: Vector2<f64>,
+) -> Option<Misfit> {
+    Sight::of(network, entry)?.misfit(network.points.get(&point)?, place_px)
+}
+
+/// The sides that points are seen from: sums of the unit vectors from a point to the stations that see it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Directions(BTreeMap<PointId, Vector3<f64>>);
+
+impl Directions {
+    /// The sides that all oriented images see; empty where there are so many labels that a frame has no time for them.
+    #[must_use]
+    pub fn of(network: &Network) -> Self {
+        let labels: usize = network
+            .oriented_images()
+            .map(|(_, e, _)| e.labels.len())
+            .sum();
+        let mut directions = Self::default();
+        if labels <= MOST_LABELS {
+            for (_, entry, station) in network.oriented_images() {
+                directions.add(network, entry, &station.pose);
+            }
+        }
+        directions
+    }
+
+    fn add(&mut self, network: &Network, entry: &ImageEntry, pose: &Pose) {
+        for (_, label) in entry.used_labels() {
+            if let Some(point) = network.points.get(&label.point) {
+                let sum = self.0.entry(label.point).or_default();
+                *sum += (pose.centre_in_world - point.position).normalize();
+            }
+        }
+    }
+
+    /// Cosine of the angle between the mean direction of a point's rays and that to a station.
+    fn cosine(&self, point: PointId, towards: &Vector3<f64>) -> Option<f64> {
+        let sum = self.0.get(&point).filter(|sum| sum.norm() > 0.0)?;
+        Some(sum.normalize().dot(&towards.normalize()))
+    }
+}
+
 /// A station with its camera.
 #[derive(Clone, Copy)]
 pub(super) struct Sight<'a> {
     pub(super) pose: &'a Pose,
     pub(super) camera: &'a Camera,
+    covariance: Option<&'a Matrix6<f64>>,
 }
 
 impl<'a> Sight<'a> {
     pub(super) fn of(network: &'a Network, entry: &'a ImageEntry) -> Option<Self> {
-        let pose = &entry.station.as_ref()?.pose;
+        let station = entry.station.as_ref()?;
         let camera = &network.cameras.get(&entry.camera)?.camera;
-        Some(Self { pose, camera })
+        Some(Self {
+            pose: &station.pose,
+            camera,
+            covariance: station.covariance.as_ref(),
+        })
     }
 
     /// The pixel of a point of the object, inside the picture or not.
     pub(super) fn project(&self, point: &Vector3<f64>) -> Option<Vector2<f64>> {
         self.camera.project(&self.pose.camera_from_point(point))
     }
+
+    /// How badly a place fits a point; `None` where the point is behind the camera.
+    pub(super) fn misfit(&self, point: &Point, place_px: Vector2<f64>) -> Option<Misfit> {
+        let in_camera = self.pose.camera_from_point(&point.position);
+        let projection = self.camera.project_with_jacobians(&in_camera)?;
+        let turned = projection.by_point * self.pose.camera_from_world.matrix();
+        let mut spread = Matrix2::identity() * (FLOOR_PX * FLOOR_PX);
+        if let Some(covariance) = point.covariance {
+            spread += turned * covariance * turned.transpose();
+        }
+        if let Some(covariance) = self.covariance {
+            let mut by_pose = SMatrix::<f64, 2, 6>::zeros();
+            let by_turn = -projection.by_point * skew(&in_camera);
+            by_pose.fixed_view_mut::<2, 3>(0, 0).copy_from(&by_turn);
+            by_pose.fixed_view_mut::<2, 3>(0, 3).copy_from(&-turned);
+            spread += by_pose * covariance * by_pose.transpose();
+        }
+        let apart = projection.pixel - place_px;
+        let squared = apart.dot(&(spread.try_inverse()? * apart));
+        Some(Misfit {
+            distance_px: apart.norm(),
+            sigmas: squared.max(0.0).sqrt(),
+            rank: squared + spread.determinant().ln(),
+        })
+    }
 }
 
 /// Points that should be in the image, are labelled nowhere in it, and have no dot near their place.
 #[must_use]
-pub fn missed_targets(network: &Network, image: ImageId, entry: &ImageEntry) -> Vec<Predicted> {
+pub fn missed_targets(network: &Network, entry: &ImageEntry) -> Vec<Predicted> {
+    missed_with(network, entry, &Directions::of(network))
+}
+
+/// As [`missed_targets`], with the sides that points are seen from known beforehand.
+#[must_use]
+pub fn missed_with(
+    network: &Network,
+    entry: &ImageEntry,
+    directions: &Directions,
+) -> Vec<Predicted> {
     let Some(sight) = Sight::of(network, entry) else {
         return Vec::new();
     };
@@ -80,19 +186,18 @@ pub fn missed_targets(network: &Network, image: ImageId, entry: &ImageEntry) -> 
             continue;
         };
         if sight.camera.contains(&place_px) && !has_near(&rows, place_px) {
+            let towards = sight.pose.centre_in_world - point.position;
+            let cosine = directions.cosine(*id, &towards);
+            let facing = match cosine {
+                Some(cosine) if cosine > FACING_COS => Facing::Towards,
+                _ => Facing::Unknown,
+            };
             missed.push(Predicted {
                 point: *id,
                 place_px,
-                facing: Facing::Unknown,
+                facing,
+                cosine,
             });
-        }
-    }
-    let directions = directions_of(network, image, &missed);
-    for predicted in &mut missed {
-        let towards = sight.pose.centre_in_world - network.points[&predicted.point].position;
-        let mean = directions.get(&predicted.point);
-        if mean.is_some_and(|mean| mean.normalize().dot(&towards.normalize()) > FACING_COS) {
-            predicted.facing = Facing::Towards;
         }
     }
     missed
@@ -104,35 +209,6 @@ fn has_near(rows: &[Vector2<f64>], place: Vector2<f64>) -> bool {
         .iter()
         .take_while(|dot| dot.y <= place.y + SAME_PLACE_PX)
         .any(|dot| (dot - place).norm() <= SAME_PLACE_PX)
-}
-
-/// Sums of the unit vectors from points to the stations that see them.
-fn directions_of(
-    network: &Network,
-    image: ImageId,
-    missed: &[Predicted],
-) -> BTreeMap<PointId, Vector3<f64>> {
-    let mut sums: BTreeMap<PointId, Vector3<f64>> = missed
-        .iter()
-        .map(|predicted| (predicted.point, Vector3::zeros()))
-        .collect();
-    let labels: usize = network
-        .oriented_images()
-        .map(|(_, entry, _)| entry.labels.len())
-        .sum();
-    if labels > MOST_LABELS || sums.is_empty() {
-        return BTreeMap::new();
-    }
-    for (_, entry, station) in network.oriented_images().filter(|(id, ..)| *id != image) {
-        for (_, label) in entry.used_labels() {
-            if let Some(sum) = sums.get_mut(&label.point) {
-                let ray = station.pose.centre_in_world - network.points[&label.point].position;
-                *sum += ray.normalize();
-            }
-        }
-    }
-    sums.retain(|_, sum| sum.norm() > 0.0);
-    sums
 }
 
 /// The images of the rays of a dot (or of all dots of a point) of other images: curves, bent by the lens.

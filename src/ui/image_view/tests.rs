@@ -51,8 +51,10 @@ fn scene() -> &'static Scene {
             source: InteriorSource::CameraFile,
             exif_model: None,
         };
-        let mut network = Network::default();
-        network.cameras = Arc::new(BTreeMap::from([(CameraId(1), Arc::new(camera))]));
+        let mut network = Network {
+            cameras: Arc::new(BTreeMap::from([(CameraId(1), Arc::new(camera))])),
+            ..Network::default()
+        };
         let mut pictures = BTreeMap::new();
         let mut images = BTreeMap::new();
         for (number, station) in (1..).zip(experiment.stations.iter().take(3)) {
@@ -291,7 +293,7 @@ fn a_dot_without_a_name_gets_the_nearest_by_two_keys() {
 #[test]
 fn a_missed_target_is_measured_and_named_by_two_keys() {
     let (network, point, place) = with_a_missed_target();
-    let missed = missed_targets(&network, FIRST, &network.images[&FIRST]);
+    let missed = missed_targets(&network, &network.images[&FIRST]);
     let predicted = missed
         .iter()
         .find(|m| m.point == point)

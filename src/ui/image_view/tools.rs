@@ -6,11 +6,12 @@ use nalgebra::Vector2;
 use super::hover::{self, Hovered};
 use super::labelling::{Choice, Entered, LabelPopup, NumberPopup, Subject, rank_labels};
 use super::marks::Marks;
+use super::measuring::MeasuredByHand;
 use super::transform::Sight;
 use super::{Canvas, GreyWindow, ImageView, Popup, Tool};
 use crate::network::{ImageId, Network};
 use crate::project::edit::Edit;
-use crate::targets::{Dot, DotIndex, MeasureAtSettings, centre_by_hand, measure_at};
+use crate::targets::DotIndex;
 use crate::ui::action::{Action, Selection};
 use crate::ui::context::ViewContext;
 
@@ -140,40 +141,22 @@ impl ImageView {
         let Some(picture) = &canvas.picture else {
             return;
         };
-        let inside = place.x >= 0.0
-            && place.y >= 0.0
-            && place.x < picture.width() as f64
-            && place.y < picture.height() as f64;
         // A dot is added to detections; before them there is nothing to add it to.
-        let Some(detections) = canvas.marks.detections.as_ref().filter(|_| inside) else {
+        let Some(detections) = canvas.marks.detections.as_ref() else {
             return;
         };
-        let (dot, note): (Dot, String) =
-            match measure_at(picture, place, &MeasureAtSettings::default()) {
-                Ok(dot) => {
-                    let note = format!(
-                        "Measured: sigma {}",
-                        crate::ui::format::sigma(dot.sigma_px, "px")
-                    );
-                    (dot, note)
-                }
-                Err(reason) => {
-                    let dot = centre_by_hand(picture, place, &detections.dots);
-                    let note = format!(
-                        "Not measurable: {reason}. Set by hand, sigma {:.1} px",
-                        dot.sigma_px
-                    );
-                    (dot, note)
-                }
-            };
+        let Some(measured) = MeasuredByHand::at(picture, place, &detections.dots) else {
+            return;
+        };
         self.tool = Tool::Look;
         // A dot that is there already is named, not added a second time.
-        let known = canvas
-            .marks
-            .dots
-            .iter()
-            .find(|mark| (mark.dot.centre_px - dot.centre_px).norm() < 1.0);
-        let subject = known.map_or(Subject::New { dot, note }, |mark| Subject::Dot(mark.index));
+        let subject = match measured.known {
+            Some(slot) => Subject::Dot(DotIndex(slot as u32)),
+            None => Subject::New {
+                note: measured.note(),
+                dot: measured.dot,
+            },
+        };
         self.open_labels(subject, canvas, context.network);
     }
 

@@ -1,12 +1,14 @@
 //! What the tests of panels draw: the small network of the reports, with findings and doubts.
 
 use std::cell::RefCell;
+use std::collections::BTreeMap;
 use std::rc::Rc;
 use std::sync::Arc;
 
 use egui::Ui;
 use egui_kittest::Harness;
 
+use crate::imaging::GreyImage;
 use crate::network::{About, Finding, FindingKind, ImageId, Network, Stage};
 use crate::ui::action::{Action, Selection};
 use crate::ui::context::ViewContext;
@@ -71,8 +73,22 @@ impl Bench {
     pub(super) fn selecting(
         network: Network,
         selection: Selection,
+        panel: impl FnMut(&mut Ui, &ViewContext<'_>, &mut Vec<Action>) + 'static,
+    ) -> Self {
+        Self::with_pictures(network, selection, BTreeMap::new(), panel)
+    }
+
+    /// Draws a panel once with pictures that are there.
+    pub(super) fn with_pictures(
+        network: Network,
+        selection: Selection,
+        there: BTreeMap<ImageId, Arc<GreyImage>>,
         mut panel: impl FnMut(&mut Ui, &ViewContext<'_>, &mut Vec<Action>) + 'static,
     ) -> Self {
+        let mut pictures = PictureStore::new(PictureSettings::default(), || ()).expect("a thread");
+        for (id, picture) in there {
+            pictures.insert(id, &network.images[&id], picture);
+        }
         let shown = Rc::new(RefCell::new(Shown {
             network,
             selection,
@@ -80,7 +96,6 @@ impl Bench {
         }));
         let inside = shown.clone();
         let group = std::sync::Arc::default();
-        let pictures = PictureStore::new(PictureSettings::default(), || ()).expect("a thread");
         let harness = Harness::builder()
             .with_size([900.0, 600.0])
             .build_ui(move |ui| {
@@ -101,6 +116,12 @@ impl Bench {
     pub(super) fn actions(&mut self) -> Vec<Action> {
         self.harness.run();
         std::mem::take(&mut self.shown.borrow_mut().actions)
+    }
+
+    /// Selects something.
+    pub(super) fn select(&mut self, selection: Selection) {
+        self.shown.borrow_mut().selection = selection;
+        self.harness.run();
     }
 
     /// Changes the network under the panel.

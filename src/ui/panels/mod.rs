@@ -9,6 +9,7 @@ mod facts;
 mod stale;
 
 pub mod findings;
+pub mod frame;
 pub mod images;
 pub mod inspector;
 pub mod journal;

@@ -1,9 +1,11 @@
 //! What was saved comes back, and nothing else is written.
 
 use proptest::prelude::*;
+use rusqlite::Connection;
 
 use super::super::{JournalLine, Saved, utc_text};
 use super::*;
+use crate::geometry::{AxisOrder, Similarity, ThreeTwoOne};
 
 /// Numbers that JSON readers get wrong, and any other finite ones.
 fn finite() -> impl Strategy<Value = f64> {
@@ -72,6 +74,7 @@ fn a_save_writes_only_what_changed() {
     image.labels = Arc::default();
     image.set_aside = Arc::default();
     image.unlabelled = Arc::default();
+    image.rejected_dots = Arc::default();
     // Image 0 is written; its detections and marks, the three rows of image 1, a point and the adjustment go.
     let expected = Saved {
         rows_written: 1,
@@ -201,4 +204,35 @@ fn a_copy_holds_everything_and_finds_its_pictures() {
     let (_, copied) = opened(&deep);
     let path = &copied.images[&ImageId(1)].file.path;
     assert_eq!(path, "../pictures/IMG 1.png");
+}
+
+/// The frame came later: files without it have none of their own, and that is no damage.
+#[test]
+fn a_frame_is_kept_and_files_without_one_are_whole() {
+    let folder = Folder::new();
+    let file = folder.file("a.tiepoint");
+    let mut network = ordinary().as_ref().clone();
+    network.frame = Frame::ThreeTwoOne(ThreeTwoOne {
+        origin: PointId::Target(7),
+        axis: PointId::Device(0),
+        plane: PointId::of_code(Family::Ring(14), 57)[0],
+        order: AxisOrder::Zx,
+    });
+    network.moved_by = Some(Similarity {
+        translation: Vector3::new(0.1, -1e-17, 4e9),
+        ..Similarity::identity()
+    });
+    drop(Store::create(&file, &network).unwrap());
+    let (store, back) = opened(&file);
+    assert_eq!(*back, network);
+    drop(store);
+    let older = Connection::open(&file).unwrap();
+    let removed = older
+        .execute("DELETE FROM document WHERE id IN ('frame', 'moved_by')", [])
+        .unwrap();
+    assert_eq!(removed, 2);
+    drop(older);
+    network.frame = Frame::Automatic;
+    network.moved_by = None;
+    assert_eq!(*opened(&file).1, network);
 }

@@ -193,6 +193,7 @@ fn image(id: u32, next: &mut impl FnMut() -> f64) -> ImageEntry {
         labels: Arc::new([(DotIndex(0), label)].into()),
         set_aside: Arc::new([(0, "does not fit".into())].into()),
         unlabelled: Arc::new([(DotIndex(2), "one ray".into())].into()),
+        rejected_dots: Arc::new([(DotIndex(1), "no target".into())].into()),
         station: Some(Station {
             pose: Pose {
                 camera_from_world: Rotation3::from_matrix_unchecked(Matrix3::from_fn(|_, _| {
@@ -221,6 +222,7 @@ fn adjustment(next: &mut impl FnMut() -> f64) -> AdjustmentResult {
         sigma_station_mm: next(),
         redundancy: -1,
         datum: "free".into(),
+        frame: FrameResult::default(),
         scale_from: ScaleSource::Arbitrary,
         cameras: vec![CameraResult {
             camera: CameraId(0),

@@ -60,9 +60,18 @@ pub(super) fn dot(
     );
     let Some(label) = image.labels.get(&index) else {
         ui.label("It has no name.");
-        if let Some(reason) = image.unlabelled.get(&index) {
+        let rejected = image.rejected_dots.get(&index);
+        if let Some(reason) = rejected.or_else(|| image.unlabelled.get(&index)) {
             ui.label(reason);
         }
+        decision(
+            ui,
+            context,
+            id,
+            index,
+            rejected.map(String::as_str),
+            actions,
+        );
         return;
     };
     ui.horizontal_wrapped(|ui| {
@@ -80,6 +89,18 @@ pub(super) fn dot(
     }
     ui.horizontal(|ui| {
         decision(ui, context, id, index, label.rejected.as_deref(), actions);
+        let confirm = label.source == Source::Automatic && label.rejected.is_none();
+        if confirm
+            && ui
+                .small_button("Accept")
+                .on_hover_text("The name is right; no stage changes it any more.")
+                .clicked()
+        {
+            actions.push(Action::Edit(Edit::Accept {
+                image: id,
+                dot: index,
+            }));
+        }
         if ui.small_button("Take its name away").clicked() {
             actions.push(Action::Edit(Edit::Unlabel {
                 image: id,

@@ -1,6 +1,7 @@
 //! Everything on what is selected: a point, else a dot, else an image, else the whole measurement.
 
 mod image;
+mod known;
 mod measurement;
 mod point;
 
@@ -18,6 +19,7 @@ use crate::ui::context::ViewContext;
 #[derive(Default)]
 pub struct Inspector {
     sights: Cached<PointId, Vec<Sight>>,
+    known: known::Known,
 }
 
 impl Inspector {
@@ -29,6 +31,8 @@ impl Inspector {
             if let Some(id) = selection.point {
                 let sights = self.sights.get(network, id, |id| sights(network, *id));
                 point::ui(ui, context, id, sights, actions);
+                ui.separator();
+                self.known.ui(ui, context, id, actions);
                 if let Some((image, dot)) = selection.dot {
                     ui.separator();
                     image::dot(ui, context, image, dot, actions);
@@ -68,6 +72,7 @@ fn is_pending(context: &ViewContext<'_>, image: ImageId, dot: DotIndex) -> bool 
             image: i, dot: d, ..
         }
         | Edit::Unlabel { image: i, dot: d }
+        | Edit::Accept { image: i, dot: d }
         | Edit::Reject { image: i, dot: d }
         | Edit::Restore { image: i, dot: d } => (*i, *d) == (image, dot),
         _ => false,

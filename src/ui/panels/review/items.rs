@@ -12,6 +12,7 @@ use crate::network::{
 use crate::project::edit::{Edit, SET_ASIDE_BY_OPERATOR};
 use crate::targets::{Detections, Dot, DotIndex};
 use crate::ui::action::Selection;
+use crate::ui::image_view::{Directions, Facing, Misfit, Predicted, misfit_of, missed_with};
 use crate::ui::panels::facts::select_observation;
 
 /// A dot without a name is offered a target that is predicted within this distance, px: a few dot diameters, beyond
@@ -31,6 +32,8 @@ pub enum ReviewKind {
     DoubtfulCode,
     /// A dot without a name near a predicted target.
     UnnamedDot,
+    /// A target that should be seen, where detection found no dot.
+    MissedTarget,
     /// The adjustment does not use it.
     RejectedObservation,
     /// It is used, but its residual is high.
@@ -44,7 +47,10 @@ impl ReviewKind {
     pub(super) fn needs_adjustment(self) -> bool {
         matches!(
             self,
-            ReviewKind::UnnamedDot | ReviewKind::RejectedObservation | ReviewKind::HighResidual
+            ReviewKind::UnnamedDot
+                | ReviewKind::MissedTarget
+                | ReviewKind::RejectedObservation
+                | ReviewKind::HighResidual
         )
     }
 }
@@ -54,6 +60,7 @@ impl fmt::Display for ReviewKind {
         f.write_str(match self {
             ReviewKind::DoubtfulCode => "doubtful code",
             ReviewKind::UnnamedDot => "dot without a name",
+            ReviewKind::MissedTarget => "missed target",
             ReviewKind::RejectedObservation => "rejected observation",
             ReviewKind::HighResidual => "high residual",
             ReviewKind::ObliqueDot => "oblique dot",
@@ -70,7 +77,7 @@ pub struct ReviewItem {
     pub about: Selection,
     /// What speaks for and against it.
     pub evidence: String,
-    /// What accepting changes; `None`: nothing.
+    /// What accepting changes; `None`: nothing, or for a missed target a dot that is measured there.
     pub accept: Option<Edit>,
     /// What rejecting changes; `None`: nothing.
     pub reject: Option<Edit>,
@@ -81,16 +88,22 @@ pub struct ReviewItem {
 impl ReviewItem {
     /// What tells it from other items.
     pub(super) fn key(&self) -> (ReviewKind, Selection) {
-        (self.kind, self.about.clone())
+        // A predicted place moves with every adjustment, the target stays the same.
+        let about = Selection {
+            place: None,
+            ..self.about.clone()
+        };
+        (self.kind, about)
     }
 }
 
 /// Everything doubtful in the images in use, by kind, best evidence first.
 #[must_use]
 pub fn review_items(network: &Network) -> Vec<ReviewItem> {
+    let directions = Directions::of(network);
     let mut items: Vec<ReviewItem> = network
         .used_images()
-        .flat_map(|(id, image)| items_of_image(network, id, image))
+        .flat_map(|(id, image)| items_of_image(network, id, image, &directions))
         .collect();
     items.sort_by(in_order);
     items
@@ -101,7 +114,13 @@ pub(super) fn in_order(a: &ReviewItem, b: &ReviewItem) -> Ordering {
     a.kind
         .cmp(&b.kind)
         .then(a.rank.total_cmp(&b.rank))
-        .then_with(|| a.about.dot.cmp(&b.about.dot))
+        .then_with(|| {
+            (a.about.dot, a.about.image, a.about.point).cmp(&(
+                b.about.dot,
+                b.about.image,
+                b.about.point,
+            ))
+        })
 }
 
 /// Everything doubtful in one image, without order.
@@ -109,6 +128,7 @@ pub(super) fn items_of_image(
     network: &Network,
     id: ImageId,
     image: &ImageEntry,
+    directions: &Directions,
 ) -> Vec<ReviewItem> {
     let Some(detections) = &image.detections else {
         return Vec::new();
@@ -124,6 +144,7 @@ pub(super) fn items_of_image(
     };
     let mut items = view.doubtful_codes();
     items.extend(view.unnamed_dots());
+    items.extend(view.missed_targets(directions));
     items.extend(view.doubtful_observations());
     items.extend(view.oblique_dots());
     items
@@ -152,10 +173,7 @@ impl View<'_> {
         let mut items = Vec::new();
         for (reading, code) in self.detections.codes.iter().enumerate() {
             let aside = self.image.set_aside.get(&reading);
-            let settled = code.dots.iter().all(|dot| {
-                let label = self.image.labels.get(dot);
-                label.is_some_and(|l| l.source == Source::Operator)
-            });
+            let settled = self.image.is_reading_of_operator(reading);
             let Some(why) = aside.or(code.doubt.as_ref()) else {
                 continue;
             };
@@ -177,10 +195,9 @@ impl View<'_> {
                     ..Selection::default()
                 },
                 evidence: format!("{}: code {label} is {state}: {why}", self.name()),
-                accept: Some(Edit::Renumber {
+                accept: Some(Edit::AcceptCode {
                     image: self.id,
                     reading,
-                    id: code.id,
                 }),
                 reject: Some(Edit::SetAside {
                     image: self.id,
@@ -195,23 +212,26 @@ impl View<'_> {
     fn unnamed_dots(&self) -> Vec<ReviewItem> {
         let unnamed: Vec<(DotIndex, &Dot)> = self
             .dots()
-            .filter(|(dot, _)| !self.image.labels.contains_key(dot))
+            .filter(|(dot, _)| !self.is_settled(*dot))
             .collect();
         if unnamed.is_empty() {
             return Vec::new();
         }
-        let predictions = self.missing_targets();
+        let predictions = self.predictions();
         let offer = |(index, dot): (DotIndex, &Dot)| {
             let from = predictions.partition_point(|p| p.place_px.x < dot.centre_px.x - NEAR_PX);
-            let mut near: Vec<(f64, PointId)> = predictions[from..]
+            let mut near: Vec<(Misfit, PointId)> = predictions[from..]
                 .iter()
                 .take_while(|p| p.place_px.x <= dot.centre_px.x + NEAR_PX)
-                .map(|p| ((p.place_px - dot.centre_px).norm(), p.point))
-                .filter(|(distance, _)| *distance <= NEAR_PX)
+                .filter(|p| (p.place_px - dot.centre_px).norm() <= NEAR_PX)
+                .filter_map(|p| {
+                    let misfit = misfit_of(self.network, self.image, p.point, dot.centre_px)?;
+                    Some((misfit, p.point))
+                })
                 .collect();
-            near.sort_by(|a, b| a.0.total_cmp(&b.0));
-            let (distance, point) = *near.first()?;
-            Some(self.offered_name(index, point, distance, near.get(1)))
+            near.sort_by(|a, b| a.0.rank.total_cmp(&b.0.rank));
+            let (misfit, point) = *near.first()?;
+            Some(self.offered_name(index, point, misfit, near.get(1)))
         };
         unnamed.into_iter().filter_map(offer).collect()
     }
@@ -220,16 +240,18 @@ impl View<'_> {
         &self,
         dot: DotIndex,
         point: PointId,
-        distance: f64,
-        rival: Option<&(f64, PointId)>,
+        misfit: Misfit,
+        rival: Option<&(Misfit, PointId)>,
     ) -> ReviewItem {
         let label = self.network.label(point);
         let mut evidence = format!(
-            "{}: a dot without a name, {distance:.2} px from where {label} should be",
-            self.name()
+            "{}: a dot without a name, {:.2} px ({:.1} sigma) from where {label} should be",
+            self.name(),
+            misfit.distance_px,
+            misfit.sigmas
         );
-        if let Some((distance, other)) = rival {
-            let other = self.network.label(*other);
+        if let Some((misfit, other)) = rival {
+            let (other, distance) = (self.network.label(*other), misfit.distance_px);
             evidence += &format!("; {other} should be {distance:.2} px away");
         }
         if let Some(reason) = self.image.unlabelled.get(&dot) {
@@ -244,13 +266,81 @@ impl View<'_> {
                 dot,
                 point,
             }),
+            reject: Some(Edit::Reject {
+                image: self.id,
+                dot,
+            }),
+            rank: misfit.distance_px,
+        }
+    }
+
+    /// Whether a dot has a name, or the operator said that it is none.
+    fn is_settled(&self, dot: DotIndex) -> bool {
+        self.image.labels.contains_key(&dot) || self.image.rejected_dots.contains_key(&dot)
+    }
+
+    /// Targets that other images see from this side and that have no dot here; those first that detection saw something
+    /// of, then those that face the camera best.
+    fn missed_targets(&self, directions: &Directions) -> Vec<ReviewItem> {
+        let unnamed: Vec<Vector2<f64>> = self
+            .dots()
+            .filter(|(dot, _)| !self.is_settled(*dot))
+            .map(|(_, dot)| dot.centre_px)
+            .collect();
+        let near = |place: &Vector2<f64>, other: &Vector2<f64>| (place - other).norm() <= NEAR_PX;
+        missed_with(self.network, self.image, directions)
+            .into_iter()
+            .filter(|missed| missed.facing == Facing::Towards)
+            // Such a dot is offered the name already.
+            .filter(|missed| !unnamed.iter().any(|dot| near(&missed.place_px, dot)))
+            .map(|missed| {
+                let refused = self.detections.rejected.iter();
+                let refused = refused
+                    .filter(|r| near(&missed.place_px, &r.place_px))
+                    .min_by(|a, b| {
+                        let distance = |place: &Vector2<f64>| (place - missed.place_px).norm();
+                        distance(&a.place_px).total_cmp(&distance(&b.place_px))
+                    });
+                self.missed_target(&missed, refused.map(|r| r.reason.as_str()))
+            })
+            .collect()
+    }
+
+    fn missed_target(&self, missed: &Predicted, refused: Option<&str>) -> ReviewItem {
+        /// Comes before what merely faces the camera: cosines differ by 2 at most.
+        const SEEN_BY_DETECTION: f64 = 2.0;
+        let label = self.network.label(missed.point);
+        let cosine = missed.cosine.unwrap_or(0.0);
+        let rays = self
+            .network
+            .points
+            .get(&missed.point)
+            .map_or(0, |point| point.rays);
+        let mut evidence = format!(
+            "{}: {label} should be seen here, {:.0} deg from the middle of its {rays} rays; no dot was found",
+            self.name(),
+            cosine.clamp(-1.0, 1.0).acos().to_degrees()
+        );
+        if let Some(reason) = refused {
+            evidence += &format!("; detection refused one: {reason}");
+        }
+        ReviewItem {
+            kind: ReviewKind::MissedTarget,
+            about: Selection {
+                point: Some(missed.point),
+                image: Some(self.id),
+                dot: None,
+                place: Some((self.id, missed.place_px.into())),
+            },
+            evidence,
+            accept: None,
             reject: None,
-            rank: distance,
+            rank: -cosine - refused.map_or(0.0, |_| SEEN_BY_DETECTION),
         }
     }
 
     /// Points that no dot of this image is named by, where they should be seen, from left to right.
-    fn missing_targets(&self) -> Vec<Prediction> {
+    fn predictions(&self) -> Vec<Prediction> {
         let Some(station) = &self.image.station else {
             return Vec::new();
         };
@@ -312,7 +402,10 @@ impl View<'_> {
                             "{}: {name} is used with a high residual{figures}",
                             self.name()
                         ),
-                        None,
+                        Some(Edit::Accept {
+                            image: self.id,
+                            dot: *dot,
+                        }),
                     )
                 }
                 None => continue,
@@ -353,7 +446,10 @@ impl View<'_> {
                         dot.major_px,
                         dot.minor_px
                     ),
-                    accept: None,
+                    accept: Some(Edit::Accept {
+                        image: self.id,
+                        dot: index,
+                    }),
                     reject: Some(Edit::Reject {
                         image: self.id,
                         dot: index,
@@ -382,102 +478,5 @@ impl View<'_> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::ui::panels::fixture::network;
-    use std::sync::Arc;
-
-    fn with_dot(network: &mut Network, slot: usize, change: impl FnOnce(&mut Dot)) {
-        let image = network.image_mut(ImageId(1));
-        let detections = Arc::make_mut(image.detections.as_mut().unwrap());
-        change(&mut detections.dots[slot]);
-    }
-
-    fn of_kind(network: &Network, kind: ReviewKind) -> Vec<ReviewItem> {
-        let mut items = review_items(network);
-        items.retain(|i| i.kind == kind);
-        items
-    }
-
-    #[test]
-    fn a_rejected_observation_can_be_restored_or_stay_rejected() {
-        let items = of_kind(&network(), ReviewKind::RejectedObservation);
-        let (image, dot) = (ImageId(1), DotIndex(1));
-        assert_eq!(items.len(), 1);
-        assert_eq!(items[0].accept, Some(Edit::Restore { image, dot }));
-        assert_eq!(items[0].reject, Some(Edit::Reject { image, dot }));
-        let expected = "img_1.png: M1 is rejected: residual 3 px; |w| = 9.0, residual 3.00 px";
-        assert_eq!(items[0].evidence, expected);
-        let mut decided = network();
-        items[0]
-            .accept
-            .clone()
-            .unwrap()
-            .apply(&mut decided)
-            .unwrap();
-        assert!(of_kind(&decided, ReviewKind::RejectedObservation).is_empty());
-    }
-
-    #[test]
-    fn a_doubtful_code_leaves_the_queue_by_either_decision() {
-        let before = of_kind(&network(), ReviewKind::DoubtfulCode);
-        assert_eq!(before.len(), 1, "the reading that is set aside");
-        for edit in [before[0].accept.clone(), before[0].reject.clone()] {
-            let mut network = network();
-            edit.unwrap().apply(&mut network).unwrap();
-            assert!(of_kind(&network, ReviewKind::DoubtfulCode).is_empty());
-        }
-    }
-
-    #[test]
-    fn a_dot_near_a_missing_target_is_offered_its_name() {
-        let mut network = network();
-        let image = network.images[&ImageId(1)].clone();
-        let point: PointId = "C300.B".parse().unwrap();
-        let station = image.station.as_ref().unwrap();
-        let camera = &network.camera_of(&image).camera;
-        // Straight ahead of the camera, so that it is in the picture.
-        let ahead = station
-            .pose
-            .world_from_direction(&nalgebra::Vector3::new(0.0, 0.0, -1000.0));
-        let position = station.pose.centre_in_world + ahead;
-        let place = camera
-            .project(&station.pose.camera_from_point(&position))
-            .unwrap();
-        let missing = crate::network::Point {
-            position,
-            covariance: None,
-            rays: 2,
-        };
-        Arc::make_mut(&mut network.points).insert(point, Arc::new(missing));
-        assert!(of_kind(&network, ReviewKind::UnnamedDot).is_empty());
-        with_dot(&mut network, 4, |dot| {
-            dot.centre_px = place + Vector2::new(0.6, 0.8)
-        });
-        let items = of_kind(&network, ReviewKind::UnnamedDot);
-        let (image, dot) = (ImageId(1), DotIndex(4));
-        assert_eq!(items.len(), 1);
-        assert_eq!(items[0].accept, Some(Edit::Label { image, dot, point }));
-        assert!(
-            items[0]
-                .evidence
-                .contains("1.00 px from where C300.B should be")
-        );
-        assert!(items[0].evidence.contains("two points are as near"));
-    }
-
-    #[test]
-    fn high_residuals_and_oblique_dots_come_last() {
-        let mut network = network();
-        with_dot(&mut network, 3, |dot| dot.minor_px = 0.2 * dot.major_px);
-        let mut adjustment = network.adjustment.as_deref().unwrap().clone();
-        adjustment.observations[0].test = 3.4;
-        network.adjustment = Some(Arc::new(adjustment));
-        let kinds: Vec<ReviewKind> = review_items(&network).iter().map(|i| i.kind).collect();
-        assert!(kinds.is_sorted());
-        assert_eq!(
-            kinds[kinds.len() - 2..],
-            [ReviewKind::HighResidual, ReviewKind::ObliqueDot]
-        );
-    }
-}
+#[path = "items_tests.rs"]
+mod tests;

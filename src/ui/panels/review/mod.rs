@@ -2,9 +2,15 @@
 //!
 //! [`review_items`] finds the items from the network alone. The panel computes them image by image over several frames,
 //! keeps what it found in an image until that image is another, and walks through them.
+//!
+//! Where a target was missed, the present item is measured as soon as its picture is there, and accepting adds what was
+//! measured. Detection's own estimator does that on a cut-out.
 
 mod items;
+mod measured;
 mod queue;
+#[cfg(test)]
+mod tests;
 
 pub use items::{ReviewItem, ReviewKind, review_items};
 
@@ -17,6 +23,7 @@ use super::stale::{BEFORE_LAST_EDITS, is_stale};
 use crate::project::edit::Edit;
 use crate::ui::action::{Action, Selection};
 use crate::ui::context::ViewContext;
+use measured::Measured;
 use queue::Queue;
 
 /// What one key does to the queue.
@@ -44,6 +51,10 @@ pub struct Review {
     place: usize,
     /// Items that were decided without a change of the document.
     left_alone: Vec<(ReviewKind, Selection)>,
+    /// What stands where the present item says that a target was missed.
+    measured: Measured,
+    /// The item that the last key left alone: going back brings it back.
+    decided_last: Option<(ReviewKind, Selection)>,
     /// The item that the views were last sent to.
     looked_at: Option<(ReviewKind, Selection)>,
     /// The views follow the queue as soon as the operator walks through it.
@@ -82,9 +93,10 @@ impl Review {
             return;
         }
         self.place = self.place.min(open.len() - 1);
+        self.measured.look(context, &open[self.place]);
         let decision = pressed_key(ui).or(self.item(ui, context, &open));
         if let Some(decision) = decision {
-            self.decide(decision, &open, actions);
+            self.decide(decision, &open, context, actions);
             ui.ctx().request_repaint();
         }
         ui.separator();
@@ -100,6 +112,7 @@ impl Review {
             .items()
             .iter()
             .filter(|i| !waits(&i.accept) && !waits(&i.reject))
+            .filter(|i| !is_being_measured(i, context))
             .filter(|i| !self.left_alone.contains(&i.key()))
             .cloned()
             .collect()
@@ -117,13 +130,15 @@ impl Review {
             ui.weak(item.kind.to_string());
         });
         ui.label(&item.evidence);
+        if item.kind == ReviewKind::MissedTarget {
+            ui.label(self.measured.note());
+        }
         if item.kind.needs_adjustment() && is_stale(context.network) {
             ui.weak(BEFORE_LAST_EDITS);
         }
         let mut decision = None;
         ui.horizontal_wrapped(|ui| {
-            let accept = effect(item.accept.as_ref(), "it is right, leave it");
-            let reject = effect(item.reject.as_ref(), "leave it");
+            let (accept, reject) = effects(item);
             let buttons = [
                 (Decision::Accept, "Accept (Space)", accept),
                 (Decision::Reject, "Reject (X)", reject),
@@ -136,25 +151,48 @@ impl Review {
                 }
             }
         });
-        ui.weak(format!(
-            "Accept: {}. Reject: {}.",
-            effect(item.accept.as_ref(), "it is right, leave it"),
-            effect(item.reject.as_ref(), "leave it")
-        ));
+        let (accept, reject) = effects(item);
+        ui.weak(format!("Accept: {accept}. Reject: {reject}."));
         decision
     }
 
-    fn decide(&mut self, decision: Decision, open: &[Arc<ReviewItem>], actions: &mut Vec<Action>) {
+    fn decide(
+        &mut self,
+        decision: Decision,
+        open: &[Arc<ReviewItem>],
+        context: &ViewContext<'_>,
+        actions: &mut Vec<Action>,
+    ) {
         let item = &open[self.place];
         let edit = match decision {
+            Decision::Accept if item.kind == ReviewKind::MissedTarget => {
+                // Without a picture, or where another target's dot stands, there is nothing to accept.
+                let edit = self.measured.edit(context.network, item);
+                if let Some(edit) = edit {
+                    self.following = Following::Yes;
+                    actions.push(Action::Edit(edit));
+                }
+                return;
+            }
             Decision::Accept => &item.accept,
             Decision::Reject => &item.reject,
             Decision::Next => {
+                self.decided_last = None;
                 self.place = (self.place + 1) % open.len();
                 self.following = Following::Yes;
                 return;
             }
+            Decision::Back
+                if self
+                    .left_alone
+                    .last()
+                    .is_some_and(|last| self.decided_last == Some(last.clone())) =>
+            {
+                self.take_back(open);
+                return;
+            }
             Decision::Back => {
+                self.decided_last = None;
                 self.place = self.place.checked_sub(1).unwrap_or(open.len() - 1);
                 self.following = Following::Yes;
                 return;
@@ -163,9 +201,29 @@ impl Review {
         self.following = Following::Yes;
         match edit {
             // The item leaves the queue when the network holds the edit, and comes back with its undo.
-            Some(edit) => actions.push(Action::Edit(edit.clone())),
-            None => self.left_alone.push(item.key()),
+            Some(edit) => {
+                self.decided_last = None;
+                actions.push(Action::Edit(edit.clone()));
+            }
+            None => {
+                self.decided_last = Some(item.key());
+                self.left_alone.push(item.key());
+            }
         }
+    }
+
+    /// The item that was left alone last waits again; it takes its old place in the queue.
+    fn take_back(&mut self, open: &[Arc<ReviewItem>]) {
+        let Some(key) = self.left_alone.pop() else {
+            return;
+        };
+        let all = self.queue.items();
+        let before = all.iter().take_while(|item| item.key() != key);
+        let waiting = before.filter(|item| open.iter().any(|o| o.key() == item.key()));
+        self.place = waiting.count();
+        self.decided_last = self.left_alone.last().cloned();
+        self.following = Following::Yes;
+        self.looked_at = None;
     }
 
     fn list(&mut self, ui: &mut Ui, open: &[Arc<ReviewItem>]) {
@@ -227,85 +285,46 @@ fn pressed_key(ui: &Ui) -> Option<Decision> {
     })
 }
 
+/// Whether an edit waits that measures this missed target.
+fn is_being_measured(item: &ReviewItem, context: &ViewContext<'_>) -> bool {
+    item.kind == ReviewKind::MissedTarget
+        && context.pending.iter().any(|edit| match edit {
+            Edit::AddDot { image, point, .. } => {
+                (Some(*image), *point) == (item.about.image, item.about.point)
+            }
+            _ => false,
+        })
+}
+
+/// What accepting and rejecting an item do.
+fn effects(item: &ReviewItem) -> (&'static str, &'static str) {
+    match item.kind {
+        ReviewKind::MissedTarget => ("measure it here and name it", "it is not seen here"),
+        ReviewKind::UnnamedDot => ("name the dot", "no target, never use the dot"),
+        _ => (
+            effect(item.accept.as_ref(), "it is right, leave it"),
+            effect(item.reject.as_ref(), "leave it"),
+        ),
+    }
+}
+
 /// What a decision does, in the operator's words.
 fn effect(edit: Option<&Edit>, without: &'static str) -> &'static str {
     match edit {
         None => without,
         Some(Edit::Label { .. }) => "name the dot",
+        Some(Edit::Accept { .. }) => "its name is right",
+        Some(Edit::AcceptCode { .. }) => "the code is as read",
         Some(Edit::Unlabel { .. }) => "take its name away",
         Some(Edit::Reject { .. }) => "do not use it",
         Some(Edit::Restore { .. }) => "use it",
-        Some(Edit::Renumber { .. }) => "the code is as read",
+        Some(Edit::Renumber { .. }) => "give the code a number",
         Some(Edit::SetAside { .. }) => "set the code aside",
         Some(Edit::AddDot { .. }) => "measure a dot",
+        Some(Edit::AddBar { .. } | Edit::RemoveBar { .. }) => "change scale bars",
+        Some(Edit::SetControl { .. } | Edit::RemoveControl { .. }) => "change control points",
         Some(Edit::UseImage { .. }) => "use the image or not",
         Some(Edit::Settings(_)) => "change settings",
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::network::ImageId;
-    use crate::targets::DotIndex;
-    use crate::ui::panels::fixture::{Bench, network};
-    use egui_kittest::kittest::Queryable as _;
-
-    fn bench() -> Bench {
-        let mut panel = Review::default();
-        Bench::new(network(), move |ui, context, actions| {
-            panel.ui(ui, context, actions);
-        })
-    }
-
-    #[test]
-    fn space_restores_x_rejects_and_the_views_follow() {
-        let mut bench = bench();
-        let items = review_items(&network());
-        bench.actions();
-        bench
-            .harness
-            .get_by_label(&format!("item 1 of {}", items.len()));
-        bench.harness.key_press(Key::N);
-        let expected = Action::LookAt(items[1].about.clone());
-        assert_eq!(bench.actions(), [expected]);
-        bench.harness.key_press(Key::Backspace);
-        assert_eq!(bench.actions(), [Action::LookAt(items[0].about.clone())]);
-        let rejected = items
-            .iter()
-            .position(|i| i.kind == ReviewKind::RejectedObservation)
-            .unwrap();
-        for _ in 0..rejected {
-            bench.harness.key_press(Key::N);
-            bench.actions();
-        }
-        let (image, dot) = (ImageId(1), DotIndex(1));
-        bench.harness.key_press(Key::Space);
-        assert_eq!(
-            bench.actions()[0],
-            Action::Edit(Edit::Restore { image, dot })
-        );
-        bench.harness.get_by_label("Reject (X)").click();
-        assert_eq!(
-            bench.actions()[0],
-            Action::Edit(Edit::Reject { image, dot })
-        );
-    }
-
-    #[test]
-    fn a_decided_item_leaves_the_queue() {
-        let mut bench = bench();
-        let count = review_items(&network()).len();
-        bench.actions();
-        bench.change(|network| {
-            let edit = Edit::Reject {
-                image: ImageId(1),
-                dot: DotIndex(1),
-            };
-            edit.apply(network).unwrap();
-        });
-        bench
-            .harness
-            .get_by_label(&format!("item 1 of {}", count - 1));
+        Some(Edit::Frame(_)) => "set the frame",
     }
 }

@@ -1,12 +1,14 @@
 //! Review items of all images, found a few images a frame and kept for each image until it is another.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::sync::Arc;
 
 use super::items::{ReviewItem, in_order, items_of_image};
 use crate::network::{
     AdjustmentResult, CameraEntry, CameraId, ImageEntry, ImageId, Network, Point, PointId,
 };
+use crate::ui::image_view::Directions;
 
 /// Points predicted in one frame, about two milliseconds of one core.
 const PREDICTIONS_A_FRAME: usize = 20_000;
@@ -16,6 +18,8 @@ struct Common {
     cameras: Arc<BTreeMap<CameraId, Arc<CameraEntry>>>,
     points: Arc<BTreeMap<PointId, Arc<Point>>>,
     adjustment: Option<Arc<AdjustmentResult>>,
+    /// Edits change single labels, which turns no mean direction by much: they need not be found again.
+    directions: Arc<Directions>,
 }
 
 struct Found {
@@ -60,16 +64,21 @@ impl Queue {
         };
         self.found.retain(|id, found| present(id, found));
         let mut changed = !stands || self.found.len() != before;
+        let directions = self
+            .common
+            .as_ref()
+            .map(|c| Arc::clone(&c.directions))
+            .unwrap_or_default();
         let mut predictions = 0;
         for (id, _) in network.used_images() {
             if predictions >= PREDICTIONS_A_FRAME {
                 break;
             }
-            if !self.found.contains_key(&id) {
+            if let Entry::Vacant(place) = self.found.entry(id) {
                 let image = network.images[&id].clone();
-                let items = items_of_image(network, id, &image);
+                let items = items_of_image(network, id, &image, &directions);
                 let items = items.into_iter().map(Arc::new).collect();
-                self.found.insert(id, Found { image, items });
+                place.insert(Found { image, items });
                 predictions += network.points.len();
                 changed = true;
             }
@@ -91,6 +100,7 @@ impl Common {
             cameras: network.cameras.clone(),
             points: network.points.clone(),
             adjustment: network.adjustment.clone(),
+            directions: Arc::new(Directions::of(network)),
         }
     }
 
