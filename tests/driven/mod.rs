@@ -83,6 +83,7 @@ impl Screen {
             .env("DISPLAY", &self.name)
             .env("WGPU_BACKEND", "vulkan")
             .env("XDG_RUNTIME_DIR", folder)
+            .env("XDG_STATE_HOME", folder)
             .env_remove("WAYLAND_DISPLAY")
             .stdin(Stdio::null())
             .stdout(Stdio::null())

@@ -30,6 +30,13 @@ pub(super) struct Palette {
     chosen: usize,
 }
 
+/// Keys that move and choose in the palette.
+struct Pressed {
+    up: bool,
+    down: bool,
+    enter: bool,
+}
+
 /// One line of the palette.
 struct Entry {
     text: String,
@@ -79,29 +86,27 @@ impl App {
     }
 
     fn palette_window(&mut self, context: &Context, actions: &mut Vec<Action>) {
-        let entries = self.entries();
-        let palette = &mut self.palette;
+        let mut palette = std::mem::take(&mut self.palette);
         let mut done = false;
         Window::new("Commands, images, points")
             .anchor(Align2::CENTER_TOP, vec2(0.0, 60.0))
             .resizable(false)
             .collapsible(false)
             .show(context, |ui| {
-                done = palette.ui(ui, &entries, actions);
+                let pressed = palette.type_in(ui);
+                // After the field, so that Enter takes what the last letter finds, were both typed between two frames.
+                let entries = self.entries(&palette.text);
+                done = palette.choose(ui, pressed, &entries, actions);
             });
         if done {
             palette.close();
         }
+        self.palette = palette;
     }
 
     /// What the text in the palette finds: commands first, then images and points.
-    fn entries(&self) -> Vec<Entry> {
-        let words: Vec<String> = self
-            .palette
-            .text
-            .split_whitespace()
-            .map(str::to_lowercase)
-            .collect();
+    fn entries(&self, text: &str) -> Vec<Entry> {
+        let words: Vec<String> = text.split_whitespace().map(str::to_lowercase).collect();
         let fits = |text: &str| {
             let text = text.to_lowercase();
             words.iter().all(|word| text.contains(word.as_str()))
@@ -134,7 +139,7 @@ impl App {
             .filter(|entry| fits(&entry.text))
             .take(SHOWN)
             .collect();
-        if let Some(point) = exact_point(network, &self.palette.text) {
+        if let Some(point) = exact_point(network, text) {
             let text = format!("point {}", network.label(point));
             found.retain(|entry| entry.text != text);
             let selection = Selection {
@@ -253,14 +258,12 @@ fn belongs_to_text(shortcut: &KeyboardShortcut) -> bool {
 }
 
 impl Palette {
-    /// Draws it; true when it is done with.
-    fn ui(&mut self, ui: &mut Ui, entries: &[Entry], actions: &mut Vec<Action>) -> bool {
-        let (up, down, enter) = ui.input_mut(|input| {
-            (
-                input.consume_key(Modifiers::NONE, Key::ArrowUp),
-                input.consume_key(Modifiers::NONE, Key::ArrowDown),
-                input.consume_key(Modifiers::NONE, Key::Enter),
-            )
+    /// Draws the field and takes what is typed; the keys that move and choose.
+    fn type_in(&mut self, ui: &mut Ui) -> Pressed {
+        let pressed = ui.input_mut(|input| Pressed {
+            up: input.consume_key(Modifiers::NONE, Key::ArrowUp),
+            down: input.consume_key(Modifiers::NONE, Key::ArrowDown),
+            enter: input.consume_key(Modifiers::NONE, Key::Enter),
         });
         let field = ui.add(
             TextEdit::singleline(&mut self.text)
@@ -270,16 +273,25 @@ impl Palette {
         field.request_focus();
         if field.changed() {
             self.chosen = 0;
-            // What it finds is known at the next frame.
-            ui.ctx().request_repaint();
         }
+        pressed
+    }
+
+    /// Draws what the text finds; true when something was chosen.
+    fn choose(
+        &mut self,
+        ui: &mut Ui,
+        pressed: Pressed,
+        entries: &[Entry],
+        actions: &mut Vec<Action>,
+    ) -> bool {
         let last = entries.len().saturating_sub(1);
-        self.chosen = match (up, down) {
+        self.chosen = match (pressed.up, pressed.down) {
             (true, _) => self.chosen.saturating_sub(1),
             (_, true) => (self.chosen + 1).min(last),
             _ => self.chosen.min(last),
         };
-        let mut taken = enter.then_some(self.chosen);
+        let mut taken = pressed.enter.then_some(self.chosen);
         for (place, entry) in entries.iter().enumerate() {
             if ui
                 .selectable_label(place == self.chosen, &entry.text)
