@@ -202,7 +202,7 @@ impl App {
     pub(super) fn shortcuts(&self, context: &Context) -> Vec<Action> {
         let typing = context.text_edit_focused();
         let mut actions = self.commands_by_key(context, |shortcut| {
-            !shortcut.modifiers.alt && !(typing && belongs_to_text(shortcut))
+            !(shortcut.modifiers.alt || typing && belongs_to_text(shortcut))
         });
         let dropped: Vec<_> = context
             .input_mut(|input| std::mem::take(&mut input.raw.dropped_files))
