@@ -42,7 +42,8 @@ fn a_killed_window_goes_on_from_its_last_finished_step() {
     let folder = folder("killed", Begun::Paired);
     let mut bench = Bench::open(&folder.at("p.tiepoint"));
     bench.keys(Modifiers::COMMAND, Key::F5);
-    let moments: [(&str, fn(&Network) -> bool); 2] = [
+    type Come = fn(&Network) -> bool;
+    let moments: [(&str, Come); 2] = [
         ("connecting", |network| {
             network.oriented_images().count() >= 4
         }),
