@@ -42,6 +42,8 @@ impl Screen {
                 "1600x1000x24",
                 "-nolisten",
                 "tcp",
+                // Else it starts anew, and refuses who comes then, whenever the last of its clients goes.
+                "-noreset",
             ])
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
