@@ -197,7 +197,7 @@ const NETWORK: &str = "3D view, under the pointer";
 const REVIEW: &str = "Review";
 
 /// Keys that views take while the pointer is over them, or while they are in front.
-pub(super) const VIEW_KEYS: [ViewKey; 24] = [
+pub(super) const VIEW_KEYS: [ViewKey; 25] = [
     view_key(IMAGE, "wheel", "zoom at the pointer"),
     view_key(IMAGE, "drag", "move the picture"),
     view_key(
@@ -231,6 +231,7 @@ pub(super) const VIEW_KEYS: [ViewKey; 24] = [
     view_key(NETWORK, "arrows", "turn"),
     view_key(REVIEW, "Space", "accept"),
     view_key(REVIEW, "X", "reject"),
+    view_key(REVIEW, "E", "edit: the list of labels of the dot"),
     view_key(REVIEW, "N", "next, decide later"),
     view_key(REVIEW, "Backspace", "back"),
     view_key(
