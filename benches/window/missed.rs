@@ -115,7 +115,7 @@ fn take_away(
         if let Some((dot, point)) = found.filter(|_| taken.len() < MISSED) {
             match missing {
                 Missing::Name => {
-                    drop(Arc::make_mut(&mut network.image_mut(id).labels).remove(&dot))
+                    drop(Arc::make_mut(&mut network.image_mut(id).labels).remove(&dot));
                 }
                 Missing::Dot => remove_dot(network, id, dot),
             }

@@ -204,6 +204,9 @@ fn keys_with_alt_bring_panels_to_the_front_wherever_the_pointer_is() {
     assert!(!bench.has("Filter rows"));
     assert_eq!(bench.place(seen.image, seen.place_px), at, "not one to one");
     bench.keys(Modifiers::ALT, Key::A);
-    let measures = bench.app().image_views().any(tiepoint::ui::image_view::ImageView::wants_escape);
+    let measures = bench
+        .app()
+        .image_views()
+        .any(tiepoint::ui::image_view::ImageView::wants_escape);
     assert!(!measures, "the tool was not armed");
 }

@@ -103,19 +103,19 @@ impl Frame {
         let network = context.network;
         self.fill_from(network);
         ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-            self.present(ui, network);
-            ui.separator();
             ui.horizontal_wrapped(|ui| {
                 for (choice, text, hint) in Choice::ALL {
                     ui.radio_value(&mut self.choice, choice, text)
                         .on_hover_text(hint);
                 }
             });
+            self.set(ui, network, actions);
             if self.choice == Choice::ThreeTwoOne {
                 self.points(ui, context);
                 self.axes(ui);
             }
-            self.set(ui, network, actions);
+            ui.separator();
+            self.present(ui, network);
         });
     }
 

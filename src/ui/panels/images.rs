@@ -1,15 +1,21 @@
 //! The list of images.
 
-use egui::{Align, Layout, RichText, ScrollArea, Sense, TextStyle, TextWrapMode, Ui};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use egui::{
+    Align, Layout, RichText, ScrollArea, Sense, TextStyle, TextWrapMode, TextureHandle, Ui, vec2,
+};
 use egui_extras::{Column, TableBuilder, TableRow};
 
 use super::basis::Cached;
 use super::facts::{ImageFacts, image_facts, mark, select_image};
 use super::stale::{BEFORE_LAST_EDITS, is_stale};
-use crate::network::ImageUse;
+use crate::network::{ImageId, ImageUse};
 use crate::project::edit::Edit;
 use crate::ui::action::Action;
 use crate::ui::context::ViewContext;
+use crate::ui::pictures::Thumbnail;
 use crate::ui::theme;
 
 /// The list of images with what became of each.
@@ -17,7 +23,12 @@ use crate::ui::theme;
 pub struct Images {
     filter: String,
     facts: Cached<(), Vec<ImageFacts>>,
+    /// Thumbnails on the graphics card, with what they were made of.
+    textures: BTreeMap<ImageId, (Arc<Thumbnail>, TextureHandle)>,
 }
+
+/// Height of a thumbnail, points.
+const THUMBNAIL_HEIGHT: f32 = 34.0;
 
 impl Images {
     /// Draws it.
@@ -37,7 +48,10 @@ impl Images {
             ui.weak(format!("rms px: {BEFORE_LAST_EDITS}"));
         }
         let shown = matching(facts, &self.filter);
-        let height = ui.text_style_height(&TextStyle::Body) + 4.0;
+        let header_height = ui.text_style_height(&TextStyle::Body) + 4.0;
+        let height = THUMBNAIL_HEIGHT + 2.0;
+        let textures = &mut self.textures;
+        textures.retain(|id, _| network.images.contains_key(id));
         ui.style_mut().wrap_mode = Some(TextWrapMode::Truncate);
         let selected = shown
             .iter()
@@ -49,13 +63,14 @@ impl Images {
                 .auto_shrink(false)
                 .sense(Sense::click())
                 .cell_layout(Layout::left_to_right(Align::Center))
-                .column(Column::initial(124.0).resizable(true).clip(true))
+                .column(Column::exact(1.5 * THUMBNAIL_HEIGHT))
+                .column(Column::initial(96.0).resizable(true).clip(true))
                 .column(Column::initial(76.0).resizable(true).clip(true))
                 .column(Column::initial(46.0).resizable(true).clip(true))
                 .columns(Column::initial(56.0).resizable(true).clip(true), 4)
-                .header(height, |mut header| {
+                .header(header_height, |mut header| {
                     let names = [
-                        "image", "state", "rms px", "findings", "targets", "labelled", "codes",
+                        "", "image", "state", "rms px", "findings", "targets", "labelled", "codes",
                     ];
                     for name in names {
                         header.col(|ui| {
@@ -67,6 +82,7 @@ impl Images {
                     body.rows(height, shown.len(), |mut row| {
                         row.set_selected(selected == Some(row.index()));
                         let facts = shown[row.index()];
+                        row.col(|ui| thumbnail(ui, context, facts.id, textures));
                         cells(&mut row, facts, is_stale(network));
                         answer(&row, facts, actions);
                     });
@@ -83,6 +99,34 @@ fn matching<'a>(facts: &'a [ImageFacts], filter: &str) -> Vec<&'a ImageFacts> {
             f.name.to_lowercase().contains(&filter) || f.orientation.word().starts_with(&filter)
         })
         .collect()
+}
+
+/// The picture in small; asked for by looking, so only rows in sight are read.
+fn thumbnail(
+    ui: &mut Ui,
+    context: &ViewContext<'_>,
+    id: ImageId,
+    textures: &mut BTreeMap<ImageId, (Arc<Thumbnail>, TextureHandle)>,
+) {
+    let entry = context.network.images.get(&id);
+    let Some(thumbnail) = entry.and_then(|entry| context.pictures.thumbnail(id, entry)) else {
+        return;
+    };
+    let stands = textures
+        .get(&id)
+        .is_some_and(|(of, _)| Arc::ptr_eq(of, &thumbnail));
+    if !stands {
+        let picture = thumbnail.to_color_image();
+        let name = format!("thumbnail {}", id.0);
+        let texture = ui
+            .ctx()
+            .load_texture(name, picture, egui::TextureOptions::LINEAR);
+        textures.insert(id, (thumbnail, texture));
+    }
+    if let Some((_, texture)) = textures.get(&id) {
+        let size = vec2(1.5 * THUMBNAIL_HEIGHT, THUMBNAIL_HEIGHT);
+        ui.add(egui::Image::new(texture).fit_to_exact_size(size));
+    }
 }
 
 fn cells(row: &mut TableRow<'_, '_>, facts: &ImageFacts, stale: bool) {
