@@ -48,7 +48,7 @@ fn truth(image: &str) -> BTreeMap<String, TruthDot> {
 }
 
 #[test]
-fn help_and_version_are_results_and_no_command_is_none() {
+fn help_and_version_are_results() {
     let folder = Folder::new("help");
     let help = folder.run(&["--help"]);
     for command in [
@@ -66,9 +66,25 @@ fn help_and_version_are_results_and_no_command_is_none() {
         version.done(),
         format!("tiepoint {}\n", env!("CARGO_PKG_VERSION"))
     );
-    let none = folder.run(&[]);
-    assert_eq!(none.status, Some(2));
-    assert!(none.stderr.contains("Usage: tiepoint"), "{none:?}");
+}
+
+#[test]
+fn without_a_display_a_window_is_refused_in_one_line_and_the_demo_is_not() {
+    let folder = Folder::new("display");
+    folder.run(&[]).refused(3, &["found no display"]);
+    folder
+        .run(&["nowhere.tiepoint"])
+        .refused(2, &["nowhere.tiepoint", "found no file"]);
+    // A folder that cannot be made ends the demo early, after its line on the display.
+    folder.write("file", "");
+    let demo = folder.run(&["demo", "file/inside"]);
+    assert_eq!(demo.status, Some(2), "{demo:?}");
+    let lines: Vec<&str> = demo.stderr.lines().collect();
+    assert_eq!(lines.len(), 2, "{demo:?}");
+    assert!(
+        lines[0].contains("found no display") && lines[0].contains("headless"),
+        "{demo:?}"
+    );
 }
 
 #[test]

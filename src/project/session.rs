@@ -13,7 +13,7 @@ use super::history::{History, HistorySettings, Move};
 use super::intake::picture_path;
 pub use super::saver::Saving;
 use super::saver::{Saver, Target};
-use super::storage::{Opened, StorageError, Store};
+use super::storage::{JournalEntry, Opened, StorageError, Store};
 use super::whereabouts::{Found, PictureMoves};
 use crate::imaging::{GreyImage, LoadSettings, load_picture};
 use crate::monitor::Monitor;
@@ -160,6 +160,8 @@ pub struct Session {
     saver: Saver,
     is_writable: bool,
     warnings: Vec<String>,
+    /// The journal as it was when the project was opened.
+    earlier: Vec<JournalEntry>,
     pictures: Arc<PictureFiles>,
 }
 
@@ -190,11 +192,12 @@ impl Session {
             None => Target::Nowhere {
                 file: path.to_owned(),
                 read: Arc::clone(&network),
-                journal,
+                journal: journal.clone(),
             },
         };
         Ok(Self {
             warnings,
+            earlier: journal,
             ..Self::with(path, network, target)?
         })
     }
@@ -210,6 +213,7 @@ impl Session {
             is_writable: matches!(target, Target::File(_)),
             saver: Saver::start(target)?,
             warnings: Vec::new(),
+            earlier: Vec::new(),
             pictures,
         })
     }
@@ -278,6 +282,12 @@ impl Session {
     #[must_use]
     pub fn history(&self) -> &History {
         &self.history
+    }
+
+    /// What was done in earlier sessions, oldest first, as the project file tells it.
+    #[must_use]
+    pub fn earlier(&self) -> &[JournalEntry] {
+        &self.earlier
     }
 
     /// Whether what was done is on the disk. A failure does not touch the document in memory, and is tried again with

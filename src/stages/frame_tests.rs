@@ -189,7 +189,7 @@ fn a_point_that_lost_its_rays_gives_no_frame() {
     for number in 2..=8 {
         let labels = Arc::make_mut(&mut thin.image_mut(ImageId(number)).labels);
         for label in labels.values_mut().filter(|l| l.point == frame.plane) {
-            label.rejected = Some("by hand".into());
+            label.rejected = Some(crate::network::REJECTED_BY_OPERATOR.into());
             label.source = crate::network::Source::Operator;
         }
     }

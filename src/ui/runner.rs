@@ -9,7 +9,10 @@ use crate::monitor::{Monitor, Progress};
 use crate::network::Stage;
 use crate::project::edit::Edit;
 use crate::project::session::{Computed, Finished, Session};
-use crate::worker::Worker;
+use crate::worker::{Panicked, Worker};
+
+/// What the operator is told after an interrupt.
+const INTERRUPTED: &str = "Interrupted; all finished steps are kept.";
 
 /// What is under way.
 struct Now {
@@ -19,11 +22,24 @@ struct Now {
     monitor: Arc<Monitor>,
 }
 
+/// A step that ended by a fault of this program, for the operator.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "The step \"{title}\" ended by {panicked}. Nothing that was finished is lost: the project stands as it was before this step."
+)]
+pub struct Fault {
+    /// What was under way.
+    pub title: String,
+    /// What happened.
+    pub panicked: Panicked,
+}
+
 /// Runs stages on the worker.
 pub struct Runner {
     worker: Worker<Computed>,
     now: Option<Now>,
     pending: Vec<Edit>,
+    fault: Option<Fault>,
     /// Results still to come of steps that nobody waits for any more.
     forgotten: usize,
 }
@@ -38,6 +54,7 @@ impl Runner {
             worker: Worker::new("compute", wake)?,
             now: None,
             pending: Vec::new(),
+            fault: None,
             forgotten: 0,
         })
     }
@@ -62,6 +79,17 @@ impl Runner {
         self.now
             .as_ref()
             .map(|now| (now.stage, now.title.as_str(), now.monitor.progress()))
+    }
+
+    /// The last fault of this program, until it is dismissed.
+    #[must_use]
+    pub fn fault(&self) -> Option<&Fault> {
+        self.fault.as_ref()
+    }
+
+    /// The operator has seen the fault.
+    pub fn dismiss_fault(&mut self) {
+        self.fault = None;
     }
 
     /// Edits that wait for the end of the step.
@@ -97,6 +125,7 @@ impl Runner {
             self.forgotten += 1;
         }
         self.pending.clear();
+        self.fault = None;
     }
 
     /// Takes back the last edit that waits.
@@ -124,11 +153,13 @@ impl Runner {
             }
             let Some(now) = self.now.take() else { continue };
             let go_on = match result {
-                Err(fault) => {
-                    lines.push(format!(
-                        "{}: {fault}. Nothing that was finished is lost.",
-                        now.title
-                    ));
+                Err(panicked) => {
+                    let fault = Fault {
+                        title: now.title,
+                        panicked,
+                    };
+                    lines.push(fault.to_string());
+                    self.fault = Some(fault);
                     false
                 }
                 Ok(computed) => match session.finish(computed) {
@@ -137,7 +168,7 @@ impl Runner {
                         false
                     }
                     Ok(Finished::Interrupted) => {
-                        lines.push("Interrupted; all finished steps are kept.".into());
+                        lines.push(INTERRUPTED.into());
                         false
                     }
                     Ok(Finished::Advanced) => now.request != RunRequest::Step,
@@ -153,8 +184,11 @@ impl Runner {
                     lines.push(format!("an edit could not be made any more: {error}"));
                 }
             }
-            if go_on && !now.monitor.is_interrupted() {
-                self.begin_next(session, now.request, &mut lines);
+            match (go_on, now.monitor.is_interrupted()) {
+                (true, false) => self.begin_next(session, now.request, &mut lines),
+                // The step was finished before it heard of the interrupt.
+                (true, true) => lines.push(INTERRUPTED.into()),
+                (false, _) => {}
             }
         }
         lines
@@ -192,5 +226,63 @@ impl Runner {
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::network::Network;
+    use std::sync::mpsc::channel;
+
+    /// A project in a folder that goes when the test ends.
+    struct Project(std::path::PathBuf);
+
+    impl Project {
+        fn new() -> (Self, Session) {
+            let name = format!("tiepoint-runner-{}", std::process::id());
+            let file = std::env::temp_dir().join(name).with_extension("tiepoint");
+            let session = Session::create(&file, Network::default()).expect("a project");
+            (Self(file), session)
+        }
+    }
+
+    impl Drop for Project {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_file(&self.0);
+        }
+    }
+
+    #[test]
+    fn a_step_that_panics_is_told_as_our_fault_and_the_document_stands() {
+        let (_project, mut session) = Project::new();
+        let (wake, woken) = channel();
+        let mut runner = Runner::new(move || wake.send(()).expect("the test listens")).unwrap();
+        let monitor = Arc::new(Monitor::new());
+        runner.now = Some(Now {
+            request: RunRequest::Until(Stage::Adjust),
+            stage: Stage::Detect,
+            title: "detect a.png".into(),
+            monitor: Arc::clone(&monitor),
+        });
+        runner.worker.start(monitor, |_| panic!("on purpose"));
+        let before = Arc::clone(session.network());
+
+        woken.recv().unwrap();
+        let lines = runner.poll(&mut session);
+
+        let fault = runner.fault().expect("a fault").to_string();
+        assert_eq!(lines, std::slice::from_ref(&fault));
+        assert!(fault.contains("detect a.png") && fault.contains("on purpose"));
+        assert!(fault.contains("a fault of this program") && fault.contains("Nothing"));
+        assert!(!runner.is_running(), "the other stages must not begin");
+        assert!(Arc::ptr_eq(&before, session.network()));
+        runner.dismiss_fault();
+        assert_eq!(runner.fault(), None);
+        // The worker goes on.
+        assert_ne!(
+            runner.start(&mut session, RunRequest::Step),
+            Vec::<String>::new()
+        );
     }
 }

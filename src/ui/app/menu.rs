@@ -146,27 +146,6 @@ impl App {
         )
     }
 
-    /// Says that pictures are missing, and what helps.
-    pub(super) fn missing_banner(&self, ui: &mut Ui, actions: &mut Vec<Action>) {
-        if self.missing.is_empty() {
-            return;
-        }
-        egui::Panel::top("missing pictures").show(ui, |ui| {
-            ui.horizontal(|ui| {
-                let text = match self.missing.len() {
-                    1 => "1 picture is not at its place; all that was measured in it stands.".to_owned(),
-                    count => format!("{count} pictures are not at their place; all that was measured in them stands."),
-                };
-                let paths = self.missing.iter().filter_map(|id| self.network().images.get(id));
-                let paths: Vec<&str> = paths.map(|image| image.file.path.as_str()).take(20).collect();
-                ui.colored_label(theme::DOUBTFUL, text).on_hover_text(paths.join("\n"));
-                if ui.button("Find folder ...").clicked() {
-                    actions.push(Action::Do(Command::FindPictures));
-                }
-            });
-        });
-    }
-
     /// The line below: what happened last, and what is under the pointer.
     pub(super) fn status(&mut self, ui: &mut Ui, actions: &mut Vec<Action>) {
         ui.horizontal(|ui| {

@@ -5,6 +5,7 @@
 //! entry in the [`catalogue`], from which menu, keys, palette and the list of keys are made.
 
 mod apply;
+mod banners;
 mod catalogue;
 mod forms;
 mod loader;
@@ -85,6 +86,8 @@ pub struct App {
     palette: Palette,
     start: Start,
     forms: forms::Forms,
+    /// Banners that the operator has dismissed.
+    seen: banners::Seen,
     /// What the window's frame says.
     title: title::Title,
     /// Answers of dialogs, which run on threads of their own.
@@ -160,6 +163,7 @@ impl App {
             palette: Palette::default(),
             start: Start::default(),
             forms: forms::Forms::default(),
+            seen: banners::Seen::default(),
             title: title::Title::default(),
             answers,
             ask,
@@ -289,9 +293,10 @@ impl eframe::App for App {
         let context = ui.ctx().clone();
         let mut actions = Vec::new();
         self.modal_keys(&context);
+        actions.extend(self.keys_with_alt(&context));
         egui::Panel::top("menu").show(ui, |ui| self.menu(ui, &mut actions));
         egui::Panel::bottom("status").show(ui, |ui| self.status(ui, &mut actions));
-        self.missing_banner(ui, &mut actions);
+        self.banners(ui, &mut actions);
         egui::CentralPanel::default().show(ui, |ui| match &self.document {
             Some(_) => self.panes(ui, &mut actions),
             None => self.start_page(ui, &mut actions),

@@ -1,6 +1,8 @@
 //! The command palette and the list of keys.
 
-use egui::{Align2, Context, Grid, Key, Modifiers, ScrollArea, TextEdit, Ui, Window, vec2};
+use egui::{
+    Align2, Context, Grid, Key, KeyboardShortcut, Modifiers, ScrollArea, TextEdit, Ui, Window, vec2,
+};
 
 use super::catalogue::VIEW_KEYS;
 use super::{App, Command};
@@ -191,49 +193,67 @@ impl App {
         }
     }
 
-    /// Commands by their keys.
+    /// Commands by their keys with Alt, taken before the panels draw: a view would take the letter with Alt held as well.
+    pub(super) fn keys_with_alt(&self, context: &Context) -> Vec<Action> {
+        self.commands_by_key(context, |shortcut| shortcut.modifiers.alt)
+    }
+
+    /// Commands by their other keys, and what was dropped on the window.
     pub(super) fn shortcuts(&self, context: &Context) -> Vec<Action> {
         let typing = context.text_edit_focused();
+        let mut actions = self.commands_by_key(context, |shortcut| {
+            !(shortcut.modifiers.alt || typing && belongs_to_text(shortcut))
+        });
+        let dropped: Vec<_> = context
+            .input_mut(|input| std::mem::take(&mut input.raw.dropped_files))
+            .iter()
+            .map(|file| file.path().to_owned())
+            .collect();
+        if !dropped.is_empty() {
+            actions.push(Action::Dropped(dropped));
+        }
+        actions
+    }
+
+    fn commands_by_key(
+        &self,
+        context: &Context,
+        wanted: impl Fn(&KeyboardShortcut) -> bool,
+    ) -> Vec<Action> {
         let escape_is_theirs = self
             .panels
             .views
             .iter()
             .flatten()
             .any(ImageView::wants_escape);
-        let mut actions = Vec::new();
-        context.input_mut(|input| {
-            // Those with more modifier keys first: Shift+F5 is also F5.
-            let mut commands = Command::ALL;
-            commands.sort_by_key(|command| {
-                let keys = command.shortcut().map(|shortcut| shortcut.modifiers);
-                std::cmp::Reverse(keys.map_or(0, |keys| {
-                    [keys.alt, keys.ctrl || keys.command, keys.shift]
-                        .into_iter()
-                        .filter(|held| *held)
-                        .count()
-                }))
-            });
-            for command in commands {
-                let theirs = command == Command::Interrupt && escape_is_theirs;
-                let Some(shortcut) = command
-                    .shortcut()
-                    .filter(|_| !(theirs || typing && command.is_letter()))
-                else {
-                    continue;
-                };
-                if input.consume_shortcut(&shortcut) && self.can(command) {
-                    actions.push(Action::Do(command));
-                }
-            }
-            let dropped: Vec<_> = std::mem::take(&mut input.raw.dropped_files)
-                .iter()
-                .map(|file| file.path().to_owned())
-                .collect();
-            if !dropped.is_empty() {
-                actions.push(Action::Dropped(dropped));
-            }
+        let mut commands: Vec<(Command, KeyboardShortcut)> = Command::ALL
+            .into_iter()
+            .filter(|command| !(*command == Command::Interrupt && escape_is_theirs))
+            .filter_map(|command| Some((command, command.shortcut().filter(&wanted)?)))
+            .collect();
+        // Those with more modifier keys first: Shift+F5 is also F5.
+        commands.sort_by_key(|(_, shortcut)| {
+            let keys = shortcut.modifiers;
+            let held = [keys.alt, keys.ctrl || keys.command, keys.shift];
+            std::cmp::Reverse(held.into_iter().filter(|held| *held).count())
         });
-        actions
+        context.input_mut(|input| {
+            commands.retain(|(_, shortcut)| input.consume_shortcut(shortcut));
+        });
+        commands
+            .into_iter()
+            .filter(|(command, _)| self.can(*command))
+            .map(|(command, _)| Action::Do(command))
+            .collect()
+    }
+}
+
+/// Whether a text field with the focus takes this key: what is typed, and taking back what was typed.
+fn belongs_to_text(shortcut: &KeyboardShortcut) -> bool {
+    let key = shortcut.logical_key;
+    match shortcut.modifiers.any() {
+        true => matches!(key, Key::Z | Key::Y),
+        false => !matches!(key, Key::F5 | Key::Escape),
     }
 }
 

@@ -3,6 +3,7 @@
 use egui_tiles::{Behavior, SimplificationOptions, TileId, UiResponse};
 
 use super::{App, Panels};
+use crate::project::storage::JournalEntry;
 use crate::ui::action::Action;
 use crate::ui::context::ViewContext;
 use crate::ui::layout::Pane;
@@ -31,6 +32,7 @@ impl App {
                 .undo_titles()
                 .map(str::to_owned)
                 .collect::<Vec<_>>(),
+            earlier: document.session.earlier(),
             runner: &self.runner,
             panels: &mut self.panels,
             actions,
@@ -45,6 +47,7 @@ struct Draw<'a> {
     runner: &'a Runner,
     panels: &'a mut Panels,
     titles: &'a [String],
+    earlier: &'a [JournalEntry],
     actions: &'a mut Vec<Action>,
 }
 
@@ -70,7 +73,7 @@ impl Draw<'_> {
             Pane::Review => panels.review.ui(ui, view, actions),
             Pane::Tables => panels.tables.ui(ui, view, actions),
             Pane::Plots => panels.plots.ui(ui, view, actions),
-            Pane::Journal => panels.journal.ui(ui, self.titles),
+            Pane::Journal => panels.journal.ui(ui, self.titles, self.earlier),
         }
     }
 

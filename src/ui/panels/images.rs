@@ -1,6 +1,6 @@
 //! The list of images.
 
-use egui::{Align, Layout, RichText, Sense, TextStyle, TextWrapMode, Ui};
+use egui::{Align, Layout, RichText, ScrollArea, Sense, TextStyle, TextWrapMode, Ui};
 use egui_extras::{Column, TableBuilder, TableRow};
 
 use super::basis::Cached;
@@ -42,34 +42,36 @@ impl Images {
         let selected = shown
             .iter()
             .position(|f| context.selection.image == Some(f.id));
-        TableBuilder::new(ui)
-            .striped(true)
-            .auto_shrink(false)
-            .sense(Sense::click())
-            .cell_layout(Layout::left_to_right(Align::Center))
-            .column(Column::initial(130.0).resizable(true).clip(true))
-            .columns(Column::initial(52.0).resizable(true).clip(true), 3)
-            .column(Column::initial(82.0).resizable(true).clip(true))
-            .column(Column::initial(52.0).resizable(true).clip(true))
-            .column(Column::remainder().at_least(50.0).clip(true))
-            .header(height, |mut header| {
-                let names = [
-                    "image", "targets", "labelled", "codes", "state", "rms px", "findings",
-                ];
-                for name in names {
-                    header.col(|ui| {
-                        ui.strong(name);
+        // What says whether an image needs the operator stands first; a narrow panel scrolls to the counts.
+        ScrollArea::horizontal().show(ui, |ui| {
+            TableBuilder::new(ui)
+                .striped(true)
+                .auto_shrink(false)
+                .sense(Sense::click())
+                .cell_layout(Layout::left_to_right(Align::Center))
+                .column(Column::initial(124.0).resizable(true).clip(true))
+                .column(Column::initial(76.0).resizable(true).clip(true))
+                .column(Column::initial(46.0).resizable(true).clip(true))
+                .columns(Column::initial(56.0).resizable(true).clip(true), 4)
+                .header(height, |mut header| {
+                    let names = [
+                        "image", "state", "rms px", "findings", "targets", "labelled", "codes",
+                    ];
+                    for name in names {
+                        header.col(|ui| {
+                            ui.strong(name);
+                        });
+                    }
+                })
+                .body(|body| {
+                    body.rows(height, shown.len(), |mut row| {
+                        row.set_selected(selected == Some(row.index()));
+                        let facts = shown[row.index()];
+                        cells(&mut row, facts, is_stale(network));
+                        answer(&row, facts, actions);
                     });
-                }
-            })
-            .body(|body| {
-                body.rows(height, shown.len(), |mut row| {
-                    row.set_selected(selected == Some(row.index()));
-                    let facts = shown[row.index()];
-                    cells(&mut row, facts, is_stale(network));
-                    answer(&row, facts, actions);
                 });
-            });
+        });
     }
 }
 
@@ -95,11 +97,6 @@ fn cells(row: &mut TableRow<'_, '_>, facts: &ImageFacts, stale: bool) {
         let name = text(facts.name.clone());
         plain(ui, if excluded { name.strikethrough() } else { name }).on_hover_text(&facts.name);
     });
-    for number in [facts.targets, facts.labelled, facts.codes] {
-        row.col(|ui| {
-            plain(ui, text(number.to_string()));
-        });
-    }
     row.col(|ui| {
         if excluded {
             plain(ui, text("excluded".into()));
@@ -124,6 +121,11 @@ fn cells(row: &mut TableRow<'_, '_>, facts: &ImageFacts, stale: bool) {
                 .on_hover_text(facts.findings.join("\n"));
         }
     });
+    for number in [facts.targets, facts.labelled, facts.codes] {
+        row.col(|ui| {
+            plain(ui, text(number.to_string()));
+        });
+    }
 }
 
 fn answer(row: &TableRow<'_, '_>, facts: &ImageFacts, actions: &mut Vec<Action>) {

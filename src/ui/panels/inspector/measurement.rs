@@ -105,36 +105,59 @@ fn camera(ui: &mut Ui, network: &Network, id: CameraId, entry: &CameraEntry) {
             }
             ui.end_row();
             for (i, name) in INTERIOR_NAMES.into_iter().enumerate() {
-                let deviation = covariance.map(|q| q[(i, i)].max(0.0).sqrt());
-                parameter(ui, i, name, values[i], deviation.filter(|s| *s > 0.0));
+                let precision = match covariance.map(|q| q[(i, i)].max(0.0).sqrt()) {
+                    None => Precision::NotYet,
+                    Some(0.0) => Precision::Fixed,
+                    Some(sigma) => Precision::Sigma(sigma),
+                };
+                parameter(ui, i, name, values[i], precision);
                 ui.end_row();
             }
         });
 }
 
-fn parameter(ui: &mut Ui, place: usize, name: &str, value: f64, deviation: Option<f64>) {
+/// What is known of the precision of a camera parameter.
+#[derive(Clone, Copy)]
+enum Precision {
+    /// There is no adjustment.
+    NotYet,
+    /// The adjustment does not estimate it.
+    Fixed,
+    /// Its standard deviation.
+    Sigma(f64),
+}
+
+fn parameter(ui: &mut Ui, place: usize, name: &str, value: f64, precision: Precision) {
     let unit = INTERIOR_UNITS[place];
-    let small = |number: f64| match unit {
-        "1" => format!("{number:.3e}"),
+    let small = |number: f64| match (number, unit) {
+        (0.0, "1") => "0".to_owned(),
+        (0.0, _) => format!("0 {unit}"),
+        (_, "1") => format!("{number:.3e}"),
         _ => format!("{number:.3e} {unit}"),
     };
-    ui.label(name);
-    let (shown, precision) = match place < LENGTHS {
-        true => (
-            with_sigma(value, deviation, unit),
-            deviation.map(|s| sigma(s, unit)),
-        ),
-        false => (small(value), deviation.map(small)),
+    let deviation = match precision {
+        Precision::Sigma(sigma) => Some(sigma),
+        Precision::NotYet | Precision::Fixed => None,
     };
-    ui.label(shown);
-    let Some(precision) = precision else {
-        ui.weak("fixed")
-            .on_hover_text("The adjustment does not estimate it.");
+    ui.label(name);
+    ui.label(match place < LENGTHS {
+        true => with_sigma(value, deviation, unit),
+        false => small(value),
+    });
+    let Some(deviation) = deviation else {
+        let (text, why) = match precision {
+            Precision::Fixed => ("fixed", "The adjustment does not estimate it."),
+            _ => ("not adjusted yet", "It is as it was at the start."),
+        };
+        ui.weak(text).on_hover_text(why);
         ui.weak("");
         return;
     };
-    ui.label(precision);
-    let significance = value / deviation.unwrap_or(f64::NAN);
+    ui.label(match place < LENGTHS {
+        true => sigma(deviation, unit),
+        false => small(deviation),
+    });
+    let significance = value / deviation;
     ui.horizontal(|ui| {
         ui.label(format!("{significance:.1}"));
         if significance.abs() < SIGNIFICANT {

@@ -281,13 +281,17 @@ fn cameras(network: &Network) -> Vec<Row> {
                 Cell::text(parameter),
                 Cell::text(INTERIOR_UNITS[i]),
                 number(values[i]),
-                sigma.map_or(Cell::text("fixed"), number),
+                match (covariance, sigma) {
+                    (None, _) => Cell::Empty,
+                    (Some(_), None) => Cell::text("fixed"),
+                    (Some(_), Some(sigma)) => number(sigma),
+                },
                 Cell::known(sigma.map(|s| values[i] / s), 1),
                 number(start[i]),
             ];
             rows.push(Row {
                 selection: Selection::default(),
-                muted: sigma.is_none(),
+                muted: covariance.is_some() && sigma.is_none(),
                 cells,
             });
         }

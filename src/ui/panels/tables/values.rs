@@ -79,6 +79,7 @@ impl fmt::Display for Cell {
                     &text
                 })
             }
+            Cell::Small(0.0) => f.write_str("0"),
             Cell::Small(value) => write!(f, "{value:.3e}"),
         }
     }

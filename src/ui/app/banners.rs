@@ -1,0 +1,88 @@
+//! What stands above the panels until it is better or the operator has seen it: a fault of this program, a project that
+//! cannot be saved, pictures that are not at their place.
+
+use egui::Ui;
+
+use super::{App, Command};
+use crate::project::session::{Saving, Session};
+use crate::ui::action::Action;
+use crate::ui::theme;
+
+/// What the operator has seen already.
+#[derive(Default)]
+pub(super) struct Seen {
+    /// Why saving failed when the banner was dismissed.
+    not_saved: Option<String>,
+}
+
+impl App {
+    /// Draws those there are reasons for.
+    pub(super) fn banners(&mut self, ui: &mut Ui, actions: &mut Vec<Action>) {
+        self.fault_banner(ui);
+        self.saving_banner(ui, actions);
+        self.missing_banner(ui, actions);
+    }
+
+    /// Says that a step ended by our fault, and that the document stands.
+    fn fault_banner(&mut self, ui: &mut Ui) {
+        let Some(fault) = self.runner.fault() else {
+            return;
+        };
+        let text = fault.to_string();
+        egui::Panel::top("fault").show(ui, |ui| {
+            ui.horizontal_wrapped(|ui| {
+                ui.colored_label(theme::REJECTED, text);
+                if ui.button("Dismiss").clicked() {
+                    self.runner.dismiss_fault();
+                }
+            });
+        });
+    }
+
+    /// Says that what was done is not on the disk, why, and what helps.
+    fn saving_banner(&mut self, ui: &mut Ui, actions: &mut Vec<Action>) {
+        let Some(Saving::Failed(reason)) = self.session().map(Session::saving) else {
+            self.seen.not_saved = None;
+            return;
+        };
+        if self.seen.not_saved.as_ref() == Some(&reason) {
+            return;
+        }
+        egui::Panel::top("not saved").show(ui, |ui| {
+            ui.horizontal_wrapped(|ui| {
+                let text = format!(
+                    "The project could not be saved: {reason}. What you did stands in this window, and saving is tried \
+                     again; a copy in another place makes it safe."
+                );
+                ui.colored_label(theme::REJECTED, text);
+                if ui.button(Command::SaveCopy.title()).clicked() {
+                    actions.push(Action::Do(Command::SaveCopy));
+                }
+                if ui.button("Dismiss").clicked() {
+                    self.seen.not_saved = Some(reason);
+                }
+            });
+        });
+    }
+
+    /// Says that pictures are missing, and what helps.
+    fn missing_banner(&self, ui: &mut Ui, actions: &mut Vec<Action>) {
+        if self.missing.is_empty() {
+            return;
+        }
+        egui::Panel::top("missing pictures").show(ui, |ui| {
+            ui.horizontal(|ui| {
+                let text = match self.missing.len() {
+                    1 => "1 picture is not at its place; all that was measured in it stands.".to_owned(),
+                    count => format!("{count} pictures are not at their place; all that was measured in them stands."),
+                };
+                let paths = self.missing.iter().filter_map(|id| self.network().images.get(id));
+                let paths: Vec<&str> = paths.map(|image| image.file.path.as_str()).take(20).collect();
+                ui.colored_label(theme::DOUBTFUL, text).on_hover_text(paths.join("\n"));
+                if ui.button("Find folder ...").clicked() {
+                    actions.push(Action::Do(Command::FindPictures));
+                }
+            });
+        });
+    }
+}
