@@ -142,9 +142,8 @@ pub(crate) fn kill_in_edits(screen: &Screen, kills: usize, seed: u64) -> Killed 
         window.point_at(PANEL[0], PANEL[1]);
         let edits = random.random_range(1..6);
         for _ in 0..edits {
-            let target = format!("point M{}", random.random_range(1..30));
             let key = ["x", "r"][random.random_range(0..2)];
-            edit(&mut window, &target, key);
+            edit(&mut window, &mut random, key);
         }
         // The last edit may be anywhere between the key and the disk.
         window.press(&[["ctrl+z", "x", "r", "F5"][random.random_range(0..4)]]);
@@ -173,16 +172,16 @@ pub(crate) fn kill_in_edits(screen: &Screen, kills: usize, seed: u64) -> Killed 
 /// The middle of the first image panel of the window as it opens.
 const PANEL: [u32; 2] = [457, 355];
 
-/// Rejects or restores a target in the first image panel, as an operator does who looks before the next key, and waits
-/// until it is saved; again where a busy machine was slower than the looking.
-fn edit(window: &mut Window<'_>, target: &str, key: &str) {
+/// Rejects or restores a random target in the first image panel, as an operator does who looks before the next key, and
+/// waits until it is saved; takes another target where this one has no dot in that image, or the machine was slower.
+fn edit(window: &mut Window<'_>, random: &mut ChaCha8Rng, key: &str) {
     const LOOK: Duration = Duration::from_millis(250);
-    const PATIENCE: Duration = Duration::from_secs(5);
+    const PATIENCE: Duration = Duration::from_secs(3);
     let saved = window.saved();
     window.wait("the edit to be saved", |window| {
         window.press(&["Escape", "ctrl+k"]);
         sleep(LOOK);
-        window.write(target);
+        window.write(&format!("point M{}", random.random_range(1..30)));
         window.press(&["Return"]);
         sleep(LOOK);
         window.press(&[key]);
