@@ -8,7 +8,7 @@ use super::labelling::{Choice, Entered, LabelPopup, NumberPopup, Subject, rank_l
 use super::marks::Marks;
 use super::measuring::{MeasuredByHand, NOTHING_THERE};
 use super::transform::Sight;
-use super::{Canvas, GreyWindow, ImageView, Popup, Tool};
+use super::{Canvas, ImageView, Popup, Tool};
 use crate::network::{ImageId, Network};
 use crate::project::edit::Edit;
 use crate::targets::DotIndex;
@@ -57,7 +57,7 @@ impl ImageView {
             self.sight = self.sight.zoomed(canvas.rect, size, middle, factor);
         }
         if pressed(Key::Num0) {
-            self.window = canvas.picture.as_deref().map(GreyWindow::of_picture);
+            self.open_greys(canvas.picture.as_deref());
         }
         if pressed(Key::Z) {
             self.toggle_loupe();
