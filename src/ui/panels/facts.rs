@@ -6,7 +6,8 @@ use egui::{Color32, Sense, Ui, vec2};
 use nalgebra::Vector2;
 
 use crate::network::{
-    About, AdjustedObservation, ImageEntry, ImageId, ImageUse, Network, PointId, Standing,
+    About, AdjustedObservation, ImageEntry, ImageId, ImageUse, Network, PointId, ScaleSource,
+    Standing,
 };
 use crate::targets::DotIndex;
 use crate::ui::action::Selection;
@@ -197,6 +198,21 @@ pub(super) fn select_observation(
         place: None,
     }
 }
+
+/// Says that lengths are no true ones, where nothing gave the scale.
+pub(super) fn arbitrary_scale(ui: &mut Ui, network: &Network) {
+    let scale = network.adjustment.as_ref().map(|a| a.scale_from);
+    if scale == Some(ScaleSource::Arbitrary) {
+        mark(ui, Some(theme::DOUBTFUL));
+        ui.label(ARBITRARY_SCALE).on_hover_text(
+            "The first base counts 1000 mm. A scale bar, two control points, the reference cross or codes of known size \
+             give true lengths.",
+        );
+    }
+}
+
+/// What stands beside lengths without a scale.
+const ARBITRARY_SCALE: &str = "The scale is arbitrary: mm are no true millimetres.";
 
 /// Diameter of a coloured mark, points.
 const MARK: f32 = 9.0;
