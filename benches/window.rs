@@ -10,6 +10,8 @@
 mod desk;
 #[path = "window/inputs.rs"]
 mod inputs;
+#[path = "window/missed.rs"]
+mod missed;
 #[path = "window/parts.rs"]
 mod parts;
 
@@ -42,7 +44,7 @@ const PARTS: [Part; 6] = [
     ("detect", parts::frames_while_detecting),
     ("picture", parts::frames_of_a_large_picture),
     ("network", parts::frames_of_a_large_network),
-    ("missed", parts::keys_for_missed_targets),
+    ("missed", missed::keys_for_missed_targets),
 ];
 
 fn main() {

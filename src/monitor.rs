@@ -70,6 +70,17 @@ impl Monitor {
         self.interrupted.load(Ordering::SeqCst)
     }
 
+    /// Obeys the interrupt within a unit of work that takes long; no progress.
+    ///
+    /// # Errors
+    /// [`Interrupted`] when the work was asked to stop.
+    pub fn check(&self) -> Result<(), Interrupted> {
+        match self.is_interrupted() {
+            true => Err(Interrupted),
+            false => Ok(()),
+        }
+    }
+
     /// The latest progress.
     #[must_use]
     pub fn progress(&self) -> Progress {

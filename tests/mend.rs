@@ -130,14 +130,8 @@ fn three_labels_by_hand_connect_an_image_without_codes() {
         .map(|a| a.reason.clone());
     assert!(mended.images[&image].station.is_some(), "{reason:?}");
     assert_eq!(oriented(&mended), oriented(&whole));
-    println!(
-        "three labels: steps {steps:?}, named {} of {}",
-        mended.images[&image].labels.len(),
-        whole.images[&image].labels.len()
-    );
     // Three standard errors in space: chi-square with three degrees of freedom exceeds 14.2 once in 370.
     let apart = centre_in_sigmas(&whole, &mended, image);
-    println!("centre is {apart:.2} sigmas from that with codes");
     assert!(apart < 14.2_f64.sqrt(), "{apart}");
     assert_eq!(steps[&Stage::Connect], 1);
     for (dot, point) in three {
@@ -166,7 +160,6 @@ fn three_labels_by_hand_connect_an_image_without_codes() {
         .attempt
         .as_ref()
         .map(|a| a.reason.clone());
-    println!("one wrong label: {attempt:?}");
     assert!(refused.images[&image].station.is_none());
     assert!(attempt.unwrap().contains("label one more"));
     // Any three of the known dots: nearly all triples do.
@@ -180,11 +173,7 @@ fn three_labels_by_hand_connect_an_image_without_codes() {
             .map(|(dot, point)| Edit::Label { image, dot, point });
         let connecting = run_stage(edited(&lost, &labels), Stage::Connect, &scene.pictures);
         connected += usize::from(connecting.images[&image].station.is_some());
-        if connecting.images[&image].station.is_none() {
-            println!("{triple:?}: {:?}", connecting.images[&image].attempt);
-        }
     }
-    println!("{connected} of {} triples connect", triples.len());
     assert!(4 * connected >= 3 * triples.len(), "{connected}");
 }
 
@@ -225,7 +214,6 @@ fn going_on_after_one_edit_costs_only_what_is_needed() {
         ("reject a dot", &done, Edit::Reject { image, dot }),
     ] {
         let (after, steps) = go_on(edited(network, &[edit]), &scene.pictures);
-        println!("{what}: {steps:?}");
         assert_eq!(oriented(&after), oriented(&done), "{what}");
         assert!(
             !steps.contains_key(&Stage::FirstPair) && !steps.contains_key(&Stage::Connect),

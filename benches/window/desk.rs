@@ -92,12 +92,3 @@ impl Desk {
         self.until(|app| app.is_idle() && app.window_title().starts_with(&name));
     }
 }
-
-/// The worst of both parts.
-pub(crate) fn worst(frames: &[Frame]) -> Frame {
-    let most = |of: fn(&Frame) -> Duration| frames.iter().map(of).max().unwrap_or_default();
-    Frame {
-        window: most(|f| f.window),
-        renderer: most(|f| f.renderer),
-    }
-}

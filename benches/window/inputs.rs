@@ -133,20 +133,23 @@ pub(crate) fn ring_of_stations(stations: u32, points: u32) -> Network {
         source: InteriorSource::CameraFile,
         exif_model: None,
     };
-    let mut network = Network::default();
-    network.cameras = Arc::new(BTreeMap::from([(CameraId(0), Arc::new(camera))]));
-    network.points = Arc::new(
-        (0..points)
-            .map(|number| (PointId::Target(number), Arc::new(point(number))))
-            .collect(),
-    );
-    network.images = Arc::new(
+    let images = Arc::new(
         (0..stations)
             .map(|number| (ImageId(number), Arc::new(station(number, stations, points))))
             .collect(),
     );
-    network.connection_order = Arc::new((0..stations).map(ImageId).collect());
-    network
+    let points = Arc::new(
+        (0..points)
+            .map(|number| (PointId::Target(number), Arc::new(point(number))))
+            .collect(),
+    );
+    Network {
+        cameras: Arc::new(BTreeMap::from([(CameraId(0), Arc::new(camera))])),
+        points,
+        images,
+        connection_order: Arc::new((0..stations).map(ImageId).collect()),
+        ..Network::default()
+    }
 }
 
 fn point(number: u32) -> Point {

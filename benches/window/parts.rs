@@ -1,19 +1,20 @@
 //! The parts of the table.
 
+use std::collections::BTreeSet;
 use std::fs;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use egui::{Event, Key, Modifiers, MouseWheelUnit, PointerButton, Pos2, pos2, vec2};
+use egui::{Event, Modifiers, MouseWheelUnit, PointerButton, Pos2, pos2, vec2};
 use egui_kittest::Harness;
 use tiepoint::network::{Network, PointId, Stage};
-use tiepoint::project::session::Session;
 use tiepoint::ui::action::{Action, RunRequest, Selection};
 use tiepoint::ui::app::App;
 use tiepoint::ui::context::ViewContext;
 use tiepoint::ui::network_view::NetworkView;
 use tiepoint::ui::pictures::{PictureSettings, PictureState, PictureStore};
 
-use super::desk::{Desk, Frame, worst};
+use super::desk::{Desk, Frame};
 use super::inputs::{Inputs, ring_of_stations};
 use super::{Row, median_and_worst, ms};
 
@@ -223,7 +224,7 @@ struct View {
     network: Network,
     pictures: PictureStore,
     selection: Selection,
-    group: std::sync::Arc<std::collections::BTreeSet<PointId>>,
+    group: Arc<BTreeSet<PointId>>,
 }
 
 impl View {
@@ -245,11 +246,13 @@ pub(crate) fn frames_of_a_large_network(_: &Inputs) -> Vec<Row> {
         network: ring_of_stations(2000, 20_000),
         pictures: PictureStore::new(PictureSettings::default(), || {}).expect("threads"),
         selection: Selection::default(),
-        group: std::sync::Arc::default(),
+        group: Arc::default(),
     };
+    let begun = Instant::now();
     let mut harness = Harness::builder()
         .with_size([700.0, 600.0])
         .build_ui_state(View::draw, view);
+    let first = begun.elapsed();
     let mut step = |events: &[Event]| {
         for event in events {
             harness.event(event.clone());
@@ -258,7 +261,6 @@ pub(crate) fn frames_of_a_large_network(_: &Inputs) -> Vec<Row> {
         harness.step();
         begun.elapsed()
     };
-    let first = step(&[]);
     step(&[]);
     let middle = pos2(350.0, 350.0);
     let press = Event::PointerButton {
@@ -274,7 +276,7 @@ pub(crate) fn frames_of_a_large_network(_: &Inputs) -> Vec<Row> {
         .collect();
     vec![
         Row::new(
-            "3D view, 20,000 points and 2,000 stations: first frame",
+            "3D view, 20,000 points and 2,000 stations: first frames",
             ms(first),
             "",
         ),
@@ -282,77 +284,6 @@ pub(crate) fn frames_of_a_large_network(_: &Inputs) -> Vec<Row> {
             "the same while it is turned, the window's part",
             median_and_worst(turning),
             "4 ms",
-        ),
-    ]
-}
-
-/// Targets whose names are missing, as in the paper.
-const MISSED: usize = 23;
-
-/// More presses than anybody would bear.
-const MOST_PRESSES: usize = 500;
-
-pub(crate) fn keys_for_missed_targets(inputs: &Inputs) -> Vec<Row> {
-    let project = inputs.before(None, "missed.tiepoint");
-    let mut taken = Vec::new();
-    {
-        let mut session = Session::open(&project).expect("the measured project");
-        let images: Vec<_> = session.network().used_images().map(|(id, _)| id).collect();
-        let strip = |network: &mut Network| {
-            for id in images.iter().take(MISSED) {
-                let labels = std::sync::Arc::make_mut(&mut network.image_mut(*id).labels);
-                let plain =
-                    |label: &tiepoint::network::Label| matches!(label.point, PointId::Target(_));
-                let found = labels
-                    .iter()
-                    .find(|(_, label)| plain(label) && label.rejected.is_none());
-                if let Some((dot, point)) = found.map(|(dot, label)| (*dot, label.point)) {
-                    labels.remove(&dot);
-                    taken.push((*id, dot, point));
-                }
-            }
-            Ok::<(), std::convert::Infallible>(())
-        };
-        session.edit("names taken away", strip).expect("an edit");
-        session.flush().expect("it is saved");
-    }
-    let mut desk = Desk::new();
-    desk.open(&project);
-    desk.harness.key_press_modifiers(Modifiers::ALT, Key::Num2);
-    let mut presses = 1;
-    let left = |app: &App| {
-        let named = |(id, dot, point): &&(_, _, PointId)| {
-            let labels = &app.network().images[id].labels;
-            labels.get(dot).is_some_and(|label| label.point == *point)
-        };
-        taken.len() - taken.iter().filter(named).count()
-    };
-    for _ in 0..100 {
-        desk.step();
-    }
-    let mut longest = Vec::new();
-    while left(desk.app()) > 0 && presses < MOST_PRESSES {
-        desk.harness.key_press(Key::Space);
-        presses += 1;
-        for _ in 0..20 {
-            longest.push(Frame {
-                window: desk.step(),
-                renderer: Duration::ZERO,
-            });
-        }
-    }
-    let left = left(desk.app());
-    let found = format!("{presses} keys, no click, no dialog; {left} left");
-    vec![
-        Row::new(
-            format!("naming {MISSED} dots that lost their names, in the review"),
-            found,
-            "23 to 46",
-        ),
-        Row::new(
-            "longest frame meanwhile, the window's part",
-            ms(worst(&longest).window),
-            "16 ms",
         ),
     ]
 }

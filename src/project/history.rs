@@ -93,6 +93,20 @@ impl History {
         self.present = self.entries.len() - 1;
     }
 
+    /// Makes `network` the present one without an entry of its own: what follows by itself from the last step or edit is
+    /// undone with it.
+    pub fn amend(&mut self, network: Arc<Network>) {
+        if let Some(before) = self.present.checked_sub(1) {
+            let before = &mut self.entries[before];
+            before.extra_bytes = bytes_beyond(&before.network, &network);
+        }
+        if let Some(next) = self.entries.get(self.present + 1) {
+            let extra_bytes = bytes_beyond(&network, &next.network);
+            self.entries[self.present].extra_bytes = extra_bytes;
+        }
+        self.entries[self.present].network = network;
+    }
+
     /// Back by one; `None` where nothing is left to undo.
     pub fn undo(&mut self) -> Option<Move> {
         let title = self.undo_title()?.to_owned();

@@ -473,7 +473,12 @@ impl Session {
 
     fn adopt_conclusion(&mut self, stage: Stage, network: Network) -> Finished {
         let outcome = network.conclusions[&stage].outcome;
-        self.adopt(&format!("{stage}: {outcome}"), network, Some(outcome));
+        let network = Arc::new(network);
+        self.saver
+            .save(&format!("{stage}: {outcome}"), &network, Some(outcome));
+        // The end of a stage follows from its last step, or from the edit that left it nothing to do.
+        self.history.amend(Arc::clone(&network));
+        self.network = network;
         Finished::Concluded(outcome)
     }
 

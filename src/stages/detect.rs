@@ -12,7 +12,8 @@ use crate::network::{
     ImageId, Label, MeasurementSettings, Network, PointId, Source, Stage,
 };
 use crate::targets::{
-    CodeReading, DetectSettings, Detections, Dot420Settings, DotIndex, Family, detect,
+    CodeReading, DetectSettings, Detections, Dot420Settings, DotIndex, Family,
+    detect_unless_interrupted,
 };
 
 /// The images of the next step: the first ones without detections, a batch of them.
@@ -41,12 +42,13 @@ pub(super) fn run(
         .par_iter()
         .map(|id| {
             task.step().ok()?;
-            let image = &network.images[id];
-            Some(
-                pictures
-                    .load(image)
-                    .map(|picture| detect(&picture, &network.settings.families, &settings)),
-            )
+            let families = &network.settings.families;
+            match pictures.load(&network.images[id]) {
+                Err(reason) => Some(Err(reason)),
+                Ok(picture) => detect_unless_interrupted(&picture, families, &settings, monitor)
+                    .ok()
+                    .map(Ok),
+            }
         })
         .collect();
     let complete = found.iter().all(Option::is_some);

@@ -12,6 +12,7 @@ use super::{
     CodeReading, Detections, Dot, Dot420Settings, DotIndex, Family, Rejected, read_dot420,
 };
 use crate::imaging::{GreyImage, LevelSettings, LevelTree, noise_level};
+use crate::monitor::{Interrupted, Monitor};
 
 /// How targets are detected.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,12 +42,27 @@ impl Default for DetectSettings {
 /// Detects the light targets of a picture, and reads the codes of the given families.
 #[must_use]
 pub fn detect(image: &GreyImage, families: &[Family], settings: &DetectSettings) -> Detections {
+    // Nobody interrupts this monitor.
+    detect_unless_interrupted(image, families, settings, &Monitor::new()).unwrap_or_default()
+}
+
+/// As [`detect`], but obeys an interrupt between its parts and from dot to dot.
+///
+/// # Errors
+/// [`Interrupted`]; nothing of the picture is known then.
+pub fn detect_unless_interrupted(
+    image: &GreyImage,
+    families: &[Family],
+    settings: &DetectSettings,
+    monitor: &Monitor,
+) -> Result<Detections, Interrupted> {
+    monitor.check()?;
     let view = View {
         image,
         noise: noise_level(image),
         clipping: image.clipping().map(f64::from),
     };
-    let (dots, mut rejected) = find_dots(&view, settings);
+    let (dots, mut rejected) = find_dots(&view, settings, monitor)?;
     let rings = read_rings(&view, &dots, families);
     let kept = without_rings(&dots, &rings);
     rejected.retain(|place| !inside_a_target(place.place_px, &dots, &rings));
@@ -84,6 +100,7 @@ pub fn detect(image: &GreyImage, families: &[Family], settings: &DetectSettings)
         .into_iter()
         .map(|slot| dots[slot].dot.clone())
         .collect();
+    monitor.check()?;
     if families.contains(&Family::Dot420) {
         let mut reading = read_dot420(&dots, &settings.dot420);
         codes.append(&mut reading.codes);
@@ -91,14 +108,14 @@ pub fn detect(image: &GreyImage, families: &[Family], settings: &DetectSettings)
     }
     codes.sort_by(|a, b| (a.family, a.id, &a.dots).cmp(&(b.family, b.id, &b.dots)));
     mark_repeated(&mut codes);
-    Detections {
+    Ok(Detections {
         width_px: image.width() as u32,
         height_px: image.height() as u32,
         dots,
         codes,
         rejected,
         by_hand: Vec::new(),
-    }
+    })
 }
 
 fn unconfirmed(dot: &MeasuredDot) -> Rejected {
@@ -112,15 +129,23 @@ fn unconfirmed(dot: &MeasuredDot) -> Rejected {
 }
 
 /// Accepted dots by rows and columns, and what was refused.
-fn find_dots(view: &View, settings: &DetectSettings) -> (Vec<MeasuredDot>, Vec<Rejected>) {
+fn find_dots(
+    view: &View,
+    settings: &DetectSettings,
+    monitor: &Monitor,
+) -> Result<(Vec<MeasuredDot>, Vec<Rejected>), Interrupted> {
+    monitor.check()?;
     let tree = LevelTree::new(view.image, &level_settings(view, settings));
     let (width, height) = (view.image.width(), view.image.height());
     let found = candidates(&tree, width, height, &candidate_settings(settings));
     let measured: Vec<_> = found
         .places
         .into_par_iter()
-        .map(|place| (place, measure_dot(view, &place, &settings.dots)))
-        .collect();
+        .map(|place| {
+            monitor.check()?;
+            Ok((place, measure_dot(view, &place, &settings.dots)))
+        })
+        .collect::<Result<_, Interrupted>>()?;
     let mut dots = Vec::new();
     let mut rejected = Vec::new();
     for (place, outcome) in measured {
@@ -138,7 +163,7 @@ fn find_dots(view: &View, settings: &DetectSettings) -> (Vec<MeasuredDot>, Vec<R
         rejected.append(&mut drop_grain(&mut dots));
     }
     widen_sigmas(&mut dots);
-    (dots, rejected)
+    Ok((dots, rejected))
 }
 
 /// Enlarges the sigmas where residuals hang together: in the whole picture because its noise does, as the median of its

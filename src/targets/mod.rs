@@ -27,7 +27,7 @@ mod rendering;
 mod ring;
 mod window;
 
-pub use detect::{DetectSettings, detect};
+pub use detect::{DetectSettings, detect, detect_unless_interrupted};
 pub use detections::{CodeReading, Detections, Dot, DotIndex, Rejected};
 pub use dot::DotSettings;
 pub use dot420::{Dot420Reading, Dot420Settings, read_dot420};

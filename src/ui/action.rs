@@ -66,4 +66,6 @@ pub enum Action {
     Group(BTreeSet<PointId>),
     /// Select something and bring it into view.
     LookAt(Selection),
+    /// As that, and open the list of labels of its dot, or of what is measured at its place.
+    EditLabel(Selection),
 }

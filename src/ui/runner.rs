@@ -11,6 +11,9 @@ use crate::project::edit::Edit;
 use crate::project::session::{Computed, Finished, Session};
 use crate::worker::{Panicked, Worker};
 
+/// What the operator is told after an interrupt.
+const INTERRUPTED: &str = "Interrupted; all finished steps are kept.";
+
 /// What is under way.
 struct Now {
     request: RunRequest,
@@ -165,7 +168,7 @@ impl Runner {
                         false
                     }
                     Ok(Finished::Interrupted) => {
-                        lines.push("Interrupted; all finished steps are kept.".into());
+                        lines.push(INTERRUPTED.into());
                         false
                     }
                     Ok(Finished::Advanced) => now.request != RunRequest::Step,
@@ -181,8 +184,11 @@ impl Runner {
                     lines.push(format!("an edit could not be made any more: {error}"));
                 }
             }
-            if go_on && !now.monitor.is_interrupted() {
-                self.begin_next(session, now.request, &mut lines);
+            match (go_on, now.monitor.is_interrupted()) {
+                (true, false) => self.begin_next(session, now.request, &mut lines),
+                // The step was finished before it heard of the interrupt.
+                (true, true) => lines.push(INTERRUPTED.into()),
+                (false, _) => {}
             }
         }
         lines

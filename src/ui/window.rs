@@ -120,18 +120,21 @@ fn put_back(hook: &Mutex<Option<Hook>>) {
 
 /// What the window's maker says, in our words.
 fn reason(error: &eframe::Error) -> WindowError {
-    let said = error.to_string();
     match error {
-        // The same error stands for "no display" and for "no library to reach one"; only its text tells.
-        eframe::Error::WinitEventLoop(_) if said.contains("opening library failed") => {
-            missing_library(&said)
+        // The same error stands for "no display" and for "no library to reach one", and which library is missing is
+        // told only in its full form.
+        eframe::Error::WinitEventLoop(error) => {
+            let said = format!("{error:?}");
+            match said.contains("LibraryOpenError") {
+                true => missing_library(&said),
+                false => WindowError::NoDisplay,
+            }
         }
-        eframe::Error::WinitEventLoop(_) => WindowError::NoDisplay,
         eframe::Error::Wgpu(_) => WindowError::Missing {
             found: "found no Vulkan or OpenGL driver that draws in a window".into(),
             packages: DRIVER_PACKAGES,
         },
-        _ => WindowError::Failed(one_line(&said)),
+        other => WindowError::Failed(one_line(&other.to_string())),
     }
 }
 

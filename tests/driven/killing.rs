@@ -1,6 +1,7 @@
 //! The window killed at random moments: what it said to be saved must be in the file, and the work goes on from there.
 
 use std::fmt;
+use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use rand::{RngExt, SeedableRng};
@@ -9,7 +10,7 @@ use tiepoint::network::Source;
 use tiepoint::project::storage::{Opened, Store};
 
 use super::common::{Folder, NEW};
-use super::driven::Screen;
+use super::driven::{Screen, Window};
 
 const PROJECT: &str = "p.tiepoint";
 
@@ -141,17 +142,12 @@ pub(crate) fn kill_in_edits(screen: &Screen, kills: usize, seed: u64) -> Killed 
         window.point_at(PANEL[0], PANEL[1]);
         let edits = random.random_range(1..6);
         for _ in 0..edits {
-            let saved = window.saved();
-            let target = format!("point M{}", random.random_range(1..30));
-            window.press(&["ctrl+k"]);
-            window.write(&target);
-            window.press(&["Return"]);
-            window.press(&[["x", "r"][random.random_range(0..2)]]);
-            window.wait("the edit to be saved", |window| window.saved() > saved);
+            let key = ["x", "r"][random.random_range(0..2)];
+            edit(&mut window, &mut random, key);
         }
         // The last edit may be anywhere between the key and the disk.
         window.press(&[["ctrl+z", "x", "r", "F5"][random.random_range(0..4)]]);
-        std::thread::sleep(Duration::from_millis(random.random_range(0..150)));
+        sleep(Duration::from_millis(random.random_range(0..150)));
         let said = window.saved();
         let state = window.title();
         window.kill();
@@ -173,5 +169,26 @@ pub(crate) fn kill_in_edits(screen: &Screen, kills: usize, seed: u64) -> Killed 
     killed
 }
 
-/// A place in the first image panel of the window as it opens.
-const PANEL: [u32; 2] = [500, 350];
+/// The middle of the first image panel of the window as it opens.
+const PANEL: [u32; 2] = [457, 355];
+
+/// Rejects or restores a random target in the first image panel, as an operator does who looks before the next key, and
+/// waits until it is saved; takes another target where this one has no dot in that image, or the machine was slower.
+fn edit(window: &mut Window<'_>, random: &mut ChaCha8Rng, key: &str) {
+    const LOOK: Duration = Duration::from_millis(250);
+    const PATIENCE: Duration = Duration::from_secs(3);
+    let saved = window.saved();
+    window.wait("the edit to be saved", |window| {
+        window.press(&["Escape", "ctrl+k"]);
+        sleep(LOOK);
+        window.write(&format!("point M{}", random.random_range(1..30)));
+        window.press(&["Return"]);
+        sleep(LOOK);
+        window.press(&[key]);
+        let begun = Instant::now();
+        while window.saved() == saved && begun.elapsed() < PATIENCE {
+            sleep(LOOK / 10);
+        }
+        window.saved() > saved
+    });
+}

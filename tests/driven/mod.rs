@@ -1,8 +1,9 @@
 //! The program in its window, as a user meets it: on an X server without a screen, driven by keys and pointer.
 #![allow(dead_code, reason = "every program uses its own part")]
 
+use std::fs::{File, read_to_string};
 use std::io::{BufRead, BufReader};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -41,6 +42,8 @@ impl Screen {
                 "1600x1000x24",
                 "-nolisten",
                 "tcp",
+                // Else it starts anew, and refuses who comes then, whenever the last of its clients goes.
+                "-noreset",
             ])
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
@@ -77,19 +80,22 @@ impl Screen {
 
     /// Opens the window on a project in its folder.
     pub(crate) fn open(&self, folder: &Path, project: &str) -> Window<'_> {
+        let said = folder.join("window.txt");
         let program = Command::new(env!("CARGO_BIN_EXE_tiepoint"))
             .arg(project)
             .current_dir(folder)
             .env("DISPLAY", &self.name)
             .env("WGPU_BACKEND", "vulkan")
             .env("XDG_RUNTIME_DIR", folder)
+            .env("XDG_STATE_HOME", folder)
             .env_remove("WAYLAND_DISPLAY")
             .stdin(Stdio::null())
             .stdout(Stdio::null())
-            .stderr(Stdio::null())
+            .stderr(File::create(&said).expect("a file in the folder"))
             .spawn()
             .expect("the program starts");
         let mut window = Window {
+            said,
             screen: self,
             program,
             id: String::new(),
@@ -123,6 +129,8 @@ pub(crate) struct Window<'a> {
     screen: &'a Screen,
     program: Child,
     id: String,
+    /// What it writes to stderr.
+    said: PathBuf,
 }
 
 impl Drop for Window<'_> {
@@ -177,7 +185,8 @@ impl Window<'_> {
         let begun = Instant::now();
         while !holds(self) {
             if let Ok(Some(status)) = self.program.try_wait() {
-                panic!("the program ended ({status}) while {what} was waited for");
+                let said = read_to_string(&self.said).unwrap_or_default();
+                panic!("the program ended ({status}) while {what} was waited for: {said}");
             }
             let title = self.title();
             assert!(

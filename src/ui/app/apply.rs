@@ -49,6 +49,11 @@ impl App {
                 self.look_at(&selection);
                 self.select(selection);
             }
+            Action::EditLabel(selection) => {
+                self.look_at(&selection);
+                self.edit_label(&selection);
+                self.select(selection);
+            }
         }
         context.request_repaint();
     }

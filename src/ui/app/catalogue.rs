@@ -172,15 +172,6 @@ impl Command {
             _ => None,
         }
     }
-
-    /// Whether its key would also be a letter of a text.
-    #[must_use]
-    pub fn is_letter(self) -> bool {
-        self.shortcut().is_some_and(|shortcut| {
-            let plain = !shortcut.modifiers.any();
-            plain && !matches!(shortcut.logical_key, Key::F5 | Key::Escape)
-        })
-    }
 }
 
 /// A key of a view, for the list of keys.
@@ -206,7 +197,11 @@ const NETWORK: &str = "3D view, under the pointer";
 const REVIEW: &str = "Review";
 
 /// Keys that views take while the pointer is over them, or while they are in front.
+<<<<<<< HEAD
 pub(super) const VIEW_KEYS: [ViewKey; 26] = [
+=======
+pub(super) const VIEW_KEYS: [ViewKey; 25] = [
+>>>>>>> main
     view_key(IMAGE, "wheel", "zoom at the pointer"),
     view_key(IMAGE, "drag", "move the picture"),
     view_key(
@@ -246,6 +241,7 @@ pub(super) const VIEW_KEYS: [ViewKey; 26] = [
     ),
     view_key(REVIEW, "Space", "accept"),
     view_key(REVIEW, "X", "reject"),
+    view_key(REVIEW, "E", "edit: the list of labels of the dot"),
     view_key(REVIEW, "N", "next, decide later"),
     view_key(REVIEW, "Backspace", "back"),
     view_key(

@@ -1,6 +1,8 @@
 //! The command palette and the list of keys.
 
-use egui::{Align2, Context, Grid, Key, Modifiers, ScrollArea, TextEdit, Ui, Window, vec2};
+use egui::{
+    Align2, Context, Grid, Key, KeyboardShortcut, Modifiers, ScrollArea, TextEdit, Ui, Window, vec2,
+};
 
 use super::catalogue::VIEW_KEYS;
 use super::{App, Command};
@@ -26,6 +28,13 @@ pub(super) struct Palette {
     open: Open,
     text: String,
     chosen: usize,
+}
+
+/// Keys that move and choose in the palette.
+struct Pressed {
+    up: bool,
+    down: bool,
+    enter: bool,
 }
 
 /// One line of the palette.
@@ -77,29 +86,27 @@ impl App {
     }
 
     fn palette_window(&mut self, context: &Context, actions: &mut Vec<Action>) {
-        let entries = self.entries();
-        let palette = &mut self.palette;
+        let mut palette = std::mem::take(&mut self.palette);
         let mut done = false;
         Window::new("Commands, images, points")
             .anchor(Align2::CENTER_TOP, vec2(0.0, 60.0))
             .resizable(false)
             .collapsible(false)
             .show(context, |ui| {
-                done = palette.ui(ui, &entries, actions);
+                let pressed = palette.type_in(ui);
+                // After the field, so that Enter takes what the last letter finds, were both typed between two frames.
+                let entries = self.entries(&palette.text);
+                done = palette.choose(ui, pressed, &entries, actions);
             });
         if done {
             palette.close();
         }
+        self.palette = palette;
     }
 
     /// What the text in the palette finds: commands first, then images and points.
-    fn entries(&self) -> Vec<Entry> {
-        let words: Vec<String> = self
-            .palette
-            .text
-            .split_whitespace()
-            .map(str::to_lowercase)
-            .collect();
+    fn entries(&self, text: &str) -> Vec<Entry> {
+        let words: Vec<String> = text.split_whitespace().map(str::to_lowercase).collect();
         let fits = |text: &str| {
             let text = text.to_lowercase();
             words.iter().all(|word| text.contains(word.as_str()))
@@ -132,7 +139,7 @@ impl App {
             .filter(|entry| fits(&entry.text))
             .take(SHOWN)
             .collect();
-        if let Some(point) = exact_point(network, &self.palette.text) {
+        if let Some(point) = exact_point(network, text) {
             let text = format!("point {}", network.label(point));
             found.retain(|entry| entry.text != text);
             let selection = Selection {
@@ -171,61 +178,77 @@ impl App {
         }
     }
 
-    /// Commands by their keys.
+    /// Commands by their keys with Alt, taken before the panels draw: a view would take the letter with Alt held as well.
+    pub(super) fn keys_with_alt(&self, context: &Context) -> Vec<Action> {
+        self.commands_by_key(context, |shortcut| shortcut.modifiers.alt)
+    }
+
+    /// Commands by their other keys, and what was dropped on the window.
     pub(super) fn shortcuts(&self, context: &Context) -> Vec<Action> {
         let typing = context.text_edit_focused();
+        let mut actions = self.commands_by_key(context, |shortcut| {
+            !(shortcut.modifiers.alt || typing && belongs_to_text(shortcut))
+        });
+        let dropped: Vec<_> = context
+            .input_mut(|input| std::mem::take(&mut input.raw.dropped_files))
+            .iter()
+            .map(|file| file.path().to_owned())
+            .collect();
+        if !dropped.is_empty() {
+            actions.push(Action::Dropped(dropped));
+        }
+        actions
+    }
+
+    fn commands_by_key(
+        &self,
+        context: &Context,
+        wanted: impl Fn(&KeyboardShortcut) -> bool,
+    ) -> Vec<Action> {
         let escape_is_theirs = self
             .panels
             .views
             .iter()
             .flatten()
             .any(ImageView::wants_escape);
-        let mut actions = Vec::new();
-        context.input_mut(|input| {
-            // Those with more modifier keys first: Shift+F5 is also F5.
-            let mut commands = Command::ALL;
-            commands.sort_by_key(|command| {
-                let keys = command.shortcut().map(|shortcut| shortcut.modifiers);
-                std::cmp::Reverse(keys.map_or(0, |keys| {
-                    [keys.alt, keys.ctrl || keys.command, keys.shift]
-                        .into_iter()
-                        .filter(|held| *held)
-                        .count()
-                }))
-            });
-            for command in commands {
-                let theirs = command == Command::Interrupt && escape_is_theirs;
-                let Some(shortcut) = command
-                    .shortcut()
-                    .filter(|_| !(theirs || typing && command.is_letter()))
-                else {
-                    continue;
-                };
-                if input.consume_shortcut(&shortcut) && self.can(command) {
-                    actions.push(Action::Do(command));
-                }
-            }
-            let dropped: Vec<_> = std::mem::take(&mut input.raw.dropped_files)
-                .iter()
-                .map(|file| file.path().to_owned())
-                .collect();
-            if !dropped.is_empty() {
-                actions.push(Action::Dropped(dropped));
-            }
+        let mut commands: Vec<(Command, KeyboardShortcut)> = Command::ALL
+            .into_iter()
+            .filter(|command| !(*command == Command::Interrupt && escape_is_theirs))
+            .filter_map(|command| Some((command, command.shortcut().filter(&wanted)?)))
+            .collect();
+        // Those with more modifier keys first: Shift+F5 is also F5.
+        commands.sort_by_key(|(_, shortcut)| {
+            let keys = shortcut.modifiers;
+            let held = [keys.alt, keys.ctrl || keys.command, keys.shift];
+            std::cmp::Reverse(held.into_iter().filter(|held| *held).count())
         });
-        actions
+        context.input_mut(|input| {
+            commands.retain(|(_, shortcut)| input.consume_shortcut(shortcut));
+        });
+        commands
+            .into_iter()
+            .filter(|(command, _)| self.can(*command))
+            .map(|(command, _)| Action::Do(command))
+            .collect()
+    }
+}
+
+/// Whether a text field with the focus takes this key: what is typed, and taking back what was typed.
+fn belongs_to_text(shortcut: &KeyboardShortcut) -> bool {
+    let key = shortcut.logical_key;
+    match shortcut.modifiers.any() {
+        true => matches!(key, Key::Z | Key::Y),
+        false => !matches!(key, Key::F5 | Key::Escape),
     }
 }
 
 impl Palette {
-    /// Draws it; true when it is done with.
-    fn ui(&mut self, ui: &mut Ui, entries: &[Entry], actions: &mut Vec<Action>) -> bool {
-        let (up, down, enter) = ui.input_mut(|input| {
-            (
-                input.consume_key(Modifiers::NONE, Key::ArrowUp),
-                input.consume_key(Modifiers::NONE, Key::ArrowDown),
-                input.consume_key(Modifiers::NONE, Key::Enter),
-            )
+    /// Draws the field and takes what is typed; the keys that move and choose.
+    fn type_in(&mut self, ui: &mut Ui) -> Pressed {
+        let pressed = ui.input_mut(|input| Pressed {
+            up: input.consume_key(Modifiers::NONE, Key::ArrowUp),
+            down: input.consume_key(Modifiers::NONE, Key::ArrowDown),
+            enter: input.consume_key(Modifiers::NONE, Key::Enter),
         });
         let field = ui.add(
             TextEdit::singleline(&mut self.text)
@@ -235,16 +258,25 @@ impl Palette {
         field.request_focus();
         if field.changed() {
             self.chosen = 0;
-            // What it finds is known at the next frame.
-            ui.ctx().request_repaint();
         }
+        pressed
+    }
+
+    /// Draws what the text finds; true when something was chosen.
+    fn choose(
+        &mut self,
+        ui: &mut Ui,
+        pressed: Pressed,
+        entries: &[Entry],
+        actions: &mut Vec<Action>,
+    ) -> bool {
         let last = entries.len().saturating_sub(1);
-        self.chosen = match (up, down) {
+        self.chosen = match (pressed.up, pressed.down) {
             (true, _) => self.chosen.saturating_sub(1),
             (_, true) => (self.chosen + 1).min(last),
             _ => self.chosen.min(last),
         };
-        let mut taken = enter.then_some(self.chosen);
+        let mut taken = pressed.enter.then_some(self.chosen);
         for (place, entry) in entries.iter().enumerate() {
             if ui
                 .selectable_label(place == self.chosen, &entry.text)

@@ -157,6 +157,21 @@ impl App {
         self.panels.network.look_at(selection);
     }
 
+    /// Opens the list of labels in the image panel that shows the selected dot or place.
+    pub(super) fn edit_label(&mut self, selection: &Selection) {
+        let image = selection.dot.map(|(image, _)| image);
+        let image = image.or(selection.place.map(|(image, _)| image));
+        let mut views = self.panels.views.iter_mut().flatten();
+        let Some(view) = views.find(|view| Some(view.image) == image) else {
+            return;
+        };
+        match (selection.dot, selection.place) {
+            (Some((_, dot)), _) => view.edit_dot(dot),
+            (None, Some((_, place))) => view.edit_place(place.into()),
+            (None, None) => {}
+        }
+    }
+
     /// Panels without the target get images that show it.
     fn show_target_in_others(&mut self, first: Option<ImageId>, others: &[ImageId]) {
         let shown: Vec<Option<ImageId>> = self

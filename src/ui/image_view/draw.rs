@@ -8,13 +8,18 @@ use egui::{Color32, Pos2, Rect, Stroke, Ui, vec2};
 use super::hover::{self, Hovered};
 use super::labelling::{LabelPopup, Subject};
 use super::marks::Marks;
-use super::overlay::Easel;
+use super::occupancy::Occupancy;
+use super::overlay::{Easel, Focus};
 use super::tiles::PictureCallback;
 use super::tools::selected_dot;
 use super::{Canvas, EpipolarCache, ImageView, Loupe, Popup, ScreenFromImage, prediction};
 use crate::network::{ImageId, PointId};
+use crate::targets::DotIndex;
+use crate::ui::action::Selection;
 use crate::ui::context::ViewContext;
 
+/// The surroundings of a dark picture are dark in both themes: the eye judges grey against them.
+pub(super) const SURROUNDINGS: Color32 = Color32::from_gray(24);
 /// Magnification of the loupe, screen points per pixel.
 const LOUPE_SCALE: f64 = 16.0;
 /// Side of the loupe, points.
@@ -23,16 +28,19 @@ const LOUPE_SIDE: f32 = 220.0;
 impl ImageView {
     pub(super) fn draw(&mut self, ui: &Ui, canvas: &Canvas<'_>, context: &ViewContext<'_>) {
         let painter = ui.painter_at(canvas.rect);
-        // The surroundings of a dark picture are dark in both themes: the eye judges grey against them.
-        painter.rect_filled(canvas.rect, 0.0, Color32::from_gray(24));
+        painter.rect_filled(canvas.rect, 0.0, SURROUNDINGS);
         self.paint_picture(&painter, canvas, canvas.rect, canvas.transform, self.view);
         self.epipolar.update(context, self.image, &canvas.marks);
-        self.overlay(&painter, canvas, context, canvas.rect, canvas.transform);
+        // The memory of the grid goes from frame to frame.
+        let mut occupancy = std::mem::take(&mut self.occupancy);
+        let whole = (canvas.rect, canvas.transform);
+        self.overlay(&painter, canvas, context, whole, &mut occupancy);
         if self.loupe == Loupe::Open
             && let Some(pointer) = canvas.pointer
         {
-            self.draw_loupe(ui, canvas, context, pointer);
+            self.draw_loupe(ui, canvas, context, pointer, &mut occupancy);
         }
+        self.occupancy = occupancy;
     }
 
     fn paint_picture(
@@ -62,8 +70,8 @@ impl ImageView {
         painter: &egui::Painter,
         canvas: &Canvas<'_>,
         context: &ViewContext<'_>,
-        rect: Rect,
-        transform: ScreenFromImage,
+        (rect, transform): (Rect, ScreenFromImage),
+        occupancy: &mut Occupancy,
     ) {
         let easel = Easel {
             painter,
@@ -72,25 +80,17 @@ impl ImageView {
             overlays: self.overlays,
             exaggeration: self.exaggeration,
         };
-        easel.epipolar(&self.epipolar.lines);
-        easel.draw(&canvas.marks);
         let marks = &canvas.marks;
-        if let Some(mark) =
-            selected_dot(marks, self.image, context.selection).and_then(|dot| marks.of(dot))
-        {
-            easel.selected(mark.dot.centre_px, mark.dot.major_px);
-        } else if let Some(missed) = context
-            .selection
-            .point
-            .and_then(|point| marks.missed.iter().find(|m| m.point == point))
-        {
-            easel.selected(missed.place_px, 6.0);
-        } else if let Some((_, place)) = context
-            .selection
-            .place
-            .filter(|(image, _)| *image == self.image)
-        {
-            easel.selected(place.into(), 6.0);
+        let selected = selected_dot(marks, self.image, context.selection);
+        let focus = self.focus(marks, selected, context.selection);
+        easel.epipolar(&self.epipolar.lines, focus);
+        let hovered = match canvas.hovered {
+            Some(Hovered::Dot(dot)) => Some(dot),
+            _ => None,
+        };
+        easel.draw(marks, [selected, hovered], occupancy);
+        if let Some(focus) = focus {
+            easel.selected(focus);
         }
         if let Some(Popup::Label(LabelPopup {
             subject: Subject::New { dot, .. },
@@ -101,7 +101,42 @@ impl ImageView {
         }
     }
 
-    fn draw_loupe(&self, ui: &Ui, canvas: &Canvas<'_>, context: &ViewContext<'_>, pointer: Pos2) {
+    /// Where the selected dot, target or place stands in this picture.
+    fn focus(
+        &self,
+        marks: &Marks,
+        selected: Option<DotIndex>,
+        selection: &Selection,
+    ) -> Option<Focus> {
+        let dot = selected.and_then(|dot| marks.of(dot)).map(|mark| Focus {
+            place_px: mark.dot.centre_px,
+            size_px: mark.dot.major_px,
+        });
+        let missed = || {
+            let point = selection.point?;
+            let missed = marks.missed.iter().find(|m| m.point == point)?;
+            Some(missed.place_px)
+        };
+        let place = || {
+            let (_, place) = selection.place.filter(|(image, _)| *image == self.image)?;
+            Some(place.into())
+        };
+        dot.or_else(|| {
+            Some(Focus {
+                place_px: missed().or_else(place)?,
+                size_px: marks.dot_px,
+            })
+        })
+    }
+
+    fn draw_loupe(
+        &self,
+        ui: &Ui,
+        canvas: &Canvas<'_>,
+        context: &ViewContext<'_>,
+        pointer: Pos2,
+        occupancy: &mut Occupancy,
+    ) {
         let side = LOUPE_SIDE
             .min(0.6 * canvas.rect.width())
             .min(0.6 * canvas.rect.height());
@@ -116,9 +151,9 @@ impl ImageView {
         let painter = ui.painter_at(rect);
         let transform =
             ScreenFromImage::centred(rect, canvas.transform.pixel(pointer), LOUPE_SCALE);
-        painter.rect_filled(rect, 0.0, Color32::from_gray(24));
+        painter.rect_filled(rect, 0.0, SURROUNDINGS);
         self.paint_picture(&painter, canvas, rect, transform, self.view.wrapping_add(1));
-        self.overlay(&painter, canvas, context, rect, transform);
+        self.overlay(&painter, canvas, context, (rect, transform), occupancy);
         let line = Stroke::new(1.0, Color32::from_white_alpha(120));
         let centre = rect.center();
         painter.line_segment([centre - vec2(6.0, 0.0), centre + vec2(6.0, 0.0)], line);

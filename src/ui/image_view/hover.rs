@@ -41,6 +41,7 @@ pub(super) fn hovered(
     let missed = marks
         .missed
         .iter()
+        .filter(|m| overlays.shows_predicted(m))
         .map(|m| (distance(m.place_px), REACH, Hovered::Missed(*m)));
     let rejected = marks
         .detections
@@ -49,19 +50,12 @@ pub(super) fn hovered(
         .enumerate();
     let rejected =
         rejected.map(|(slot, r)| (distance(r.place_px), REACH, Hovered::Candidate(slot)));
-    nearest(dots)
-        .or_else(|| {
-            overlays
-                .shows(Overlay::Missed)
-                .then(|| nearest(missed))
-                .flatten()
-        })
-        .or_else(|| {
-            overlays
-                .shows(Overlay::Candidates)
-                .then(|| nearest(rejected))
-                .flatten()
-        })
+    nearest(dots).or_else(|| nearest(missed)).or_else(|| {
+        overlays
+            .shows(Overlay::Candidates)
+            .then(|| nearest(rejected))
+            .flatten()
+    })
 }
 
 fn nearest(found: impl Iterator<Item = (f32, f32, Hovered)>) -> Option<Hovered> {
@@ -109,16 +103,26 @@ pub(super) fn dot_tooltip(ui: &mut Ui, mark: &Mark) {
 
 /// The tooltip of a missed target.
 pub(super) fn missed_tooltip(ui: &mut Ui, missed: &Predicted, network: &Network) {
-    ui.strong(format!("{} should be here", network.label(missed.point)));
+    let name = network.label(missed.point);
+    ui.strong(match missed.facing {
+        Facing::Towards => format!("{name} should be here"),
+        Facing::Unknown => format!("{name} is not to be seen here"),
+    });
     ui.label(format!(
         "x {}, y {}",
         format::pixels(missed.place_px.x),
         format::pixels(missed.place_px.y)
     ));
     ui.label(match missed.facing {
-        Facing::Towards => "Other images see it from this side.",
-        Facing::Unknown => "It may be turned away or covered.",
+        Facing::Towards => "It is turned to this camera.",
+        Facing::Unknown => "It is turned away, or nothing sees it from near here.",
     });
+    if let Some(angle) = missed.incidence_deg {
+        ui.label(format!("{angle:.0} deg from its normal"));
+    }
+    if let Some(angle) = missed.nearest_deg {
+        ui.label(format!("{angle:.0} deg from the nearest of its rays"));
+    }
     ui.weak("A measures it here");
 }
 

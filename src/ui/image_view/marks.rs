@@ -11,7 +11,7 @@ use crate::network::{
     AdjustedObservation, AdjustmentResult, CameraEntry, CameraId, ImageEntry, ImageId, Network,
     Point, PointId, Source, Standing,
 };
-use crate::targets::{Detections, Dot, DotIndex};
+use crate::targets::{CodeReading, Detections, Dot, DotIndex};
 use crate::ui::theme;
 
 /// What a dot counts for; each has its colour.
@@ -84,13 +84,68 @@ impl Origin {
     }
 }
 
+impl Mark {
+    /// The name within its code ("O", "A", "1"): the code's number is written once for all its dots. `None` for a dot
+    /// that is in no code, or has a name of its own.
+    pub(super) fn part(&self) -> Option<&str> {
+        let of_code = matches!(self.point, None | Some(PointId::Code { .. }));
+        self.reading.filter(|_| of_code)?;
+        let label = self.label.as_deref()?;
+        let part = label.split_once('.').map_or("", |(_, part)| part);
+        Some(part.trim_end_matches(')'))
+    }
+}
+
 /// A code with its axes.
 #[derive(Clone, Debug)]
 pub(super) struct CodeMark {
+    /// Its number; in parentheses where it is not used.
     pub(super) label: String,
     /// O, A, B of a six-dot code; the dot alone of a ring code.
     pub(super) axes: Vec<Vector2<f64>>,
     pub(super) doubt: Option<String>,
+    /// Least distance between two of its dots, px; infinite for a single dot.
+    pub(super) spacing_px: f64,
+    /// Diameter of its first dot, px.
+    pub(super) dot_px: f64,
+}
+
+impl CodeMark {
+    fn of(entry: &ImageEntry, detections: &Detections, reading: usize, code: &CodeReading) -> Self {
+        let doubt = entry.set_aside.get(&reading).or(code.doubt.as_ref());
+        let (family, number) = entry
+            .code_of_reading(reading)
+            .unwrap_or((code.family, code.id));
+        let label = family.code_label(number);
+        let dots = || {
+            code.dots
+                .iter()
+                .filter_map(|d| detections.dots.get(d.slot()))
+        };
+        let mut spacing_px = f64::INFINITY;
+        for (place, dot) in dots().enumerate() {
+            for other in dots().skip(place + 1) {
+                spacing_px = spacing_px.min((dot.centre_px - other.centre_px).norm());
+            }
+        }
+        Self {
+            label: match doubt {
+                Some(_) => format!("({label})"),
+                None => label,
+            },
+            axes: dots().take(3).map(|dot| dot.centre_px).collect(),
+            doubt: doubt.cloned(),
+            spacing_px,
+            dot_px: dots().next().map_or(0.0, |dot| dot.major_px),
+        }
+    }
+
+    pub(super) fn colour(&self) -> Color32 {
+        match self.doubt {
+            Some(_) => theme::DOUBTFUL,
+            None => theme::CODE,
+        }
+    }
 }
 
 /// All marks of one image.
@@ -100,6 +155,8 @@ pub(super) struct Marks {
     pub(super) codes: Vec<CodeMark>,
     pub(super) detections: Option<Arc<Detections>>,
     pub(super) missed: Vec<Predicted>,
+    /// Median diameter of the dots, px.
+    pub(super) dot_px: f64,
 }
 
 impl Marks {
@@ -176,6 +233,7 @@ fn gathered(network: &Network, image: ImageId) -> Marks {
     let Some(detections) = &entry.detections else {
         return Marks {
             missed,
+            dot_px: USUAL_DIAMETER_PX,
             ..Marks::default()
         };
     };
@@ -205,27 +263,24 @@ fn gathered(network: &Network, image: ImageId) -> Marks {
         .codes
         .iter()
         .enumerate()
-        .map(|(reading, code)| CodeMark {
-            label: code.family.code_label(code.id),
-            axes: code
-                .dots
-                .iter()
-                .take(3)
-                .filter_map(|dot| detections.dots.get(dot.slot()))
-                .map(|dot| dot.centre_px)
-                .collect(),
-            doubt: entry
-                .set_aside
-                .get(&reading)
-                .or(code.doubt.as_ref())
-                .cloned(),
-        });
+        .map(|(reading, code)| CodeMark::of(entry, detections, reading, code));
     Marks {
         dots,
         codes: codes.collect(),
+        dot_px: median_diameter(&detections.dots),
         detections: Some(Arc::clone(detections)),
         missed,
     }
+}
+
+/// Diameter of a dot where no dot tells one, px.
+const USUAL_DIAMETER_PX: f64 = 8.0;
+
+fn median_diameter(dots: &[Dot]) -> f64 {
+    let mut sizes: Vec<f64> = dots.iter().map(|dot| dot.major_px).collect();
+    sizes.sort_by(f64::total_cmp);
+    let median = sizes.get(sizes.len() / 2).copied();
+    median.unwrap_or(USUAL_DIAMETER_PX)
 }
 
 /// What a code reading says of one of its dots.

@@ -15,6 +15,9 @@ const HALF_SIDE_DIAMETERS: f64 = 1.5;
 /// A dot that stands there already is nearer than this, px.
 const SAME_DOT_PX: f64 = 1.0;
 
+/// What is said where nothing can be fitted at a predicted place.
+pub const NOTHING_THERE: &str = "Nothing measurable there";
+
 /// A dot measured where somebody points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeasuredByHand {

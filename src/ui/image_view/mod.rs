@@ -11,17 +11,21 @@
 mod draw;
 mod hover;
 mod labelling;
+mod lettering;
 mod levels;
 mod marks;
 mod measuring;
 mod notes;
+mod occupancy;
 mod overlay;
 mod prediction;
 #[cfg(test)]
 mod tests;
 mod tiles;
+mod toolbar;
 mod tools;
 mod transform;
+mod visibility;
 mod window;
 
 use std::sync::Arc;
@@ -31,6 +35,7 @@ use nalgebra::Vector2;
 
 use crate::imaging::GreyImage;
 use crate::network::{ImageEntry, ImageId};
+use crate::targets::DotIndex;
 use crate::ui::action::{Action, Selection};
 use crate::ui::context::ViewContext;
 use crate::ui::pictures::PictureState;
@@ -38,18 +43,19 @@ use crate::ui::pictures::PictureState;
 use hover::Hovered;
 use labelling::{LabelPopup, NumberPopup};
 use marks::{Marks, MarksCache};
-use notes::{hints, overlay_menu, status_of};
+use notes::{hints, status_of};
+use occupancy::Occupancy;
+use tools::Asked;
 use transform::Sight;
 
 pub use labelling::{LabelCandidate, filtered, new_target, rank_labels};
 pub use marks::DotClass;
-pub use measuring::MeasuredByHand;
+pub use measuring::{MeasuredByHand, NOTHING_THERE};
 pub use overlay::{Overlay, Overlays};
-pub use prediction::{
-    Directions, Facing, Misfit, Predicted, misfit_of, missed_targets, missed_with,
-};
+pub use prediction::{Facing, Misfit, Predicted, misfit_of, missed_targets, missed_with};
 pub use tiles::install;
 pub use transform::{PixelRect, ScreenFromImage};
+pub use visibility::Directions;
 pub use window::GreyWindow;
 
 /// What a click does.
@@ -83,9 +89,23 @@ pub struct ImageView {
     popup: Option<Popup>,
     marks: MarksCache,
     epipolar: EpipolarCache,
+    occupancy: Occupancy,
+    /// What the tool in hand says to the operator.
+    notice: Option<String>,
+    /// A list of labels that another panel asked for.
+    asked: Option<Asked>,
     status: Option<String>,
+    /// Where the picture was drawn last.
+    drawn: Option<Drawn>,
     /// Tells this view from others in the renderer.
     view: u64,
+}
+
+/// Where the picture stood in a frame.
+#[derive(Clone, Copy, Debug)]
+struct Drawn {
+    rect: Rect,
+    transform: ScreenFromImage,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -128,7 +148,11 @@ impl ImageView {
             popup: None,
             marks: MarksCache::default(),
             epipolar: EpipolarCache::default(),
+            occupancy: Occupancy::default(),
+            notice: None,
+            asked: None,
             status: None,
+            drawn: None,
             view: u64::from(image.0),
         }
     }
@@ -140,8 +164,21 @@ impl ImageView {
             self.sight = Sight::Fit;
             self.window = None;
             self.popup = None;
+            self.notice = None;
+            self.asked = None;
             self.tool = Tool::Look;
         }
+    }
+
+    /// Opens the list of labels of a dot of this image.
+    pub fn edit_dot(&mut self, dot: DotIndex) {
+        self.asked = Some(Asked::Dot(dot));
+    }
+
+    /// Measures at a place (px) where a target was missed and opens the list of labels; where nothing can be measured
+    /// the next click sets the centre.
+    pub fn edit_place(&mut self, place_px: Vector2<f64>) {
+        self.asked = Some(Asked::Place(place_px));
     }
 
     /// Brings a place (px) into the middle, magnified `scale` screen points per pixel.
@@ -163,6 +200,14 @@ impl ImageView {
         self.status.clone()
     }
 
+    /// Where a place (px) was drawn on the window; `None` before the first frame and for what is outside of the panel.
+    #[must_use]
+    pub fn place_on_screen(&self, place_px: Vector2<f64>) -> Option<Pos2> {
+        let drawn = self.drawn?;
+        let place = drawn.transform.point(place_px);
+        drawn.rect.contains(place).then_some(place)
+    }
+
     /// Whether a list is open or a click measures: then `Esc` is this view's.
     #[must_use]
     pub fn wants_escape(&self) -> bool {
@@ -182,48 +227,16 @@ impl ImageView {
             PictureState::Ready(picture) => Some(Arc::clone(picture)),
             PictureState::Loading | PictureState::Missing(_) => None,
         };
-        self.toolbar(ui, picture.as_deref());
+        self.toolbar(ui, context, picture.as_deref(), actions);
         let canvas = self.canvas(ui, context, &entry, picture);
+        self.open_asked(&canvas, context);
         self.keys(ui, &canvas, context, actions);
         self.clicks(&canvas, context, actions);
         self.draw(ui, &canvas, context);
         self.tooltip(&canvas, context);
         self.status = status_of(&canvas);
-        hints(ui, &canvas, &state, actions);
+        hints(ui, &canvas, &state, self.notice.as_deref(), actions);
         self.popups(ui, &canvas, context, actions);
-    }
-
-    fn toolbar(&mut self, ui: &mut Ui, picture: Option<&GreyImage>) {
-        ui.horizontal(|ui| {
-            if ui
-                .button("Fit")
-                .on_hover_text("The whole picture (F)")
-                .clicked()
-            {
-                self.sight = Sight::Fit;
-            }
-            overlay_menu(ui, self);
-            let measuring = ui.selectable_label(self.tool == Tool::Measure, "Measure");
-            if measuring
-                .on_hover_text("A click measures a dot that detection did not find (A)")
-                .clicked()
-            {
-                self.toggle_measure();
-            }
-            let loupe = ui.selectable_label(self.loupe == Loupe::Open, "Loupe");
-            if loupe
-                .on_hover_text("16 times round the pointer (Z)")
-                .clicked()
-            {
-                self.toggle_loupe();
-            }
-            let contrast = ui.button("Contrast");
-            let text =
-                "Automatic contrast (0); W and drag, or drag with the right button, changes it";
-            if contrast.on_hover_text(text).clicked() {
-                self.window = picture.map(GreyWindow::of_picture);
-            }
-        });
     }
 
     fn toggle_measure(&mut self) {
@@ -231,6 +244,7 @@ impl ImageView {
             Tool::Look => Tool::Measure,
             Tool::Measure => Tool::Look,
         };
+        self.notice = None;
     }
 
     fn toggle_loupe(&mut self) {
@@ -258,6 +272,7 @@ impl ImageView {
         let pixels = [entry.file.width_px, entry.file.height_px];
         self.navigate(ui, &response, pixels, picture.as_deref());
         let transform = self.sight.transform(rect, pixels);
+        self.drawn = Some(Drawn { rect, transform });
         let marks = self.marks.get(context.network, self.image);
         let pointer = if response.contains_pointer() {
             response.hover_pos()

@@ -1,43 +1,11 @@
-//! Words round the picture: the menu of overlays with its legend, the status line, hints where something is missing.
+//! Words round the picture: the status line, hints where something is missing.
 
 use egui::{Rect, Ui, vec2};
 
-use super::{Canvas, DotClass, ImageView, Overlay};
+use super::Canvas;
 use crate::network::Stage;
 use crate::ui::action::{Action, RunRequest};
 use crate::ui::pictures::PictureState;
-
-pub(super) fn overlay_menu(ui: &mut Ui, view: &mut ImageView) {
-    let config = egui::containers::menu::MenuConfig::new()
-        .close_behavior(egui::PopupCloseBehavior::CloseOnClickOutside);
-    egui::containers::menu::MenuButton::new("Overlays")
-        .config(config)
-        .ui(ui, |ui| {
-            for overlay in Overlay::ALL {
-                let mut shown = view.overlays.shows(overlay);
-                if ui.checkbox(&mut shown, overlay.name()).changed() {
-                    view.overlays.toggle(overlay);
-                }
-            }
-            ui.separator();
-            ui.add(
-                egui::Slider::new(&mut view.exaggeration, 1.0..=5000.0)
-                    .logarithmic(true)
-                    .text("times the residuals"),
-            );
-            ui.separator();
-            for (class, meaning) in [
-                (DotClass::Used, "used"),
-                (DotClass::Code, "dot of a code"),
-                (DotClass::Doubtful, "no certain label"),
-                (DotClass::Rejected, "rejected"),
-            ] {
-                ui.colored_label(class.colour(), meaning);
-            }
-            ui.colored_label(crate::ui::theme::PREDICTED, "missed, predicted place");
-            ui.colored_label(crate::ui::theme::SELECTED, "selected, epipolar lines");
-        });
-}
 
 pub(super) fn status_of(canvas: &Canvas<'_>) -> Option<String> {
     let place = canvas.transform.pixel(canvas.pointer?);
@@ -70,9 +38,10 @@ pub(super) fn hints(
     ui: &mut Ui,
     canvas: &Canvas<'_>,
     state: &PictureState,
+    notice: Option<&str>,
     actions: &mut Vec<Action>,
 ) {
-    let mut lines: Vec<String> = Vec::new();
+    let mut lines: Vec<String> = notice.map(str::to_owned).into_iter().collect();
     match state {
         PictureState::Ready(_) => {}
         PictureState::Loading => lines.push("Reading the picture".into()),

@@ -1,12 +1,13 @@
 //! Drawing over the picture: only what is in sight, and no more detail than the eye can tell.
 
-use egui::{Align2, Color32, FontId, Painter, Pos2, Rect, Shape, Stroke, pos2, vec2};
+use egui::{Align2, Color32, Painter, Pos2, Rect, Shape, Stroke, pos2, vec2};
 use nalgebra::Vector2;
 
 use super::marks::{CodeMark, Mark, Marks};
+use super::occupancy::Occupancy;
 use super::prediction::{Facing, Predicted};
 use super::transform::{PixelRect, ScreenFromImage};
-use crate::targets::Dot;
+use crate::targets::{Dot, DotIndex};
 use crate::ui::theme;
 
 /// One kind of overlay.
@@ -24,19 +25,22 @@ pub enum Overlay {
     Residuals,
     /// Predicted places of missed targets.
     Missed,
+    /// Predicted places of targets that are turned away or hidden, as far as other images tell.
+    Hidden,
     /// Epipolar lines of what is selected.
     Epipolar,
 }
 
 impl Overlay {
     /// All of them, in the order of the menu.
-    pub const ALL: [Overlay; 7] = [
+    pub const ALL: [Overlay; 8] = [
         Overlay::Dots,
         Overlay::Labels,
         Overlay::Codes,
         Overlay::Candidates,
         Overlay::Residuals,
         Overlay::Missed,
+        Overlay::Hidden,
         Overlay::Epipolar,
     ];
 
@@ -50,6 +54,7 @@ impl Overlay {
             Overlay::Candidates => "Refused candidates",
             Overlay::Residuals => "Residuals",
             Overlay::Missed => "Missed targets, predicted",
+            Overlay::Hidden => "Hidden targets, predicted",
             Overlay::Epipolar => "Epipolar lines of the selection",
         }
     }
@@ -59,7 +64,7 @@ impl Overlay {
     }
 }
 
-/// Which overlays are shown.
+/// Which overlays are shown; at first all but hidden targets, which nobody can mend.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Overlays(u8);
 
@@ -68,6 +73,7 @@ impl Default for Overlays {
         Self(
             Overlay::ALL
                 .iter()
+                .filter(|overlay| **overlay != Overlay::Hidden)
                 .fold(0, |bits, overlay| bits | overlay.bit()),
         )
     }
@@ -87,12 +93,21 @@ impl Overlays {
     pub fn toggle(&mut self, overlay: Overlay) {
         self.0 ^= overlay.bit();
     }
+
+    /// Whether a predicted place is shown.
+    pub(super) fn shows_predicted(self, predicted: &Predicted) -> bool {
+        self.shows(match predicted.facing {
+            Facing::Towards => Overlay::Missed,
+            Facing::Unknown => Overlay::Hidden,
+        })
+    }
 }
 
-/// Labels are drawn while no more dots than this are in sight: more would cover the picture and each other.
-const MOST_LABELS: usize = 250;
-/// Below this size on the screen an ellipse is drawn as a small circle, points.
-const LEAST_ELLIPSE: f32 = 5.0;
+/// Below this size on the screen a dot is drawn as a small mark, points: an ellipse would hide it.
+pub(super) const LEAST_ELLIPSE: f32 = 5.0;
+
+/// Shorter axes of a code are left out, points: they would be but a blot.
+const LEAST_AXIS: f32 = 8.0;
 
 /// Draws over one rectangle.
 pub(super) struct Easel<'a> {
@@ -105,42 +120,40 @@ pub(super) struct Easel<'a> {
 }
 
 impl Easel<'_> {
-    fn visible(&self) -> PixelRect {
+    pub(super) fn visible(&self) -> PixelRect {
         self.transform.visible(self.rect)
     }
 
-    /// Everything but the selection.
-    pub(super) fn draw(&self, marks: &Marks) {
+    /// Everything but the selection. The dots in `always` keep their labels however crowded the picture is.
+    pub(super) fn draw(
+        &self,
+        marks: &Marks,
+        always: [Option<DotIndex>; 2],
+        occupancy: &mut Occupancy,
+    ) {
+        let visible = self.visible();
         if self.overlays.shows(Overlay::Candidates) {
             self.candidates(marks);
         }
-        let in_sight = marks_in_sight(marks, &self.visible());
+        let in_sight = marks_in_sight(marks, &visible);
         if self.overlays.shows(Overlay::Codes) {
-            self.codes(&marks.codes);
+            codes_in_sight(marks, &visible).for_each(|code| self.axes(code));
         }
         if self.overlays.shows(Overlay::Dots) {
             for mark in &in_sight {
                 self.outline(&mark.dot, Stroke::new(1.3, mark.class.colour()));
             }
         }
-        if self.overlays.shows(Overlay::Labels) && in_sight.len() <= MOST_LABELS {
-            for mark in &in_sight {
-                self.label(mark);
-            }
-        }
         if self.overlays.shows(Overlay::Residuals) {
             self.residuals(&in_sight);
         }
-        if self.overlays.shows(Overlay::Missed) {
-            let visible = self.visible();
-            for missed in marks
-                .missed
-                .iter()
-                .filter(|m| visible.holds(m.place_px, 8.0))
-            {
-                self.missed(missed);
+        let predicted = marks.missed.iter();
+        for missed in predicted.filter(|m| self.overlays.shows_predicted(m)) {
+            if visible.holds(missed.place_px, marks.dot_px) {
+                self.missed(missed, marks.dot_px);
             }
         }
+        self.labels(marks, &in_sight, always, occupancy);
     }
 
     /// The measured ellipse with its centre when there is room for it.
@@ -148,8 +161,8 @@ impl Easel<'_> {
         let centre = self.transform.point(dot.centre_px);
         let size = self.transform.length(dot.major_px);
         if size < LEAST_ELLIPSE {
-            self.painter
-                .circle_stroke(centre, LEAST_ELLIPSE / 2.0, stroke);
+            let radius = (0.35 * size).max(1.0);
+            self.painter.circle_filled(centre, radius, stroke.color);
             return;
         }
         self.painter
@@ -184,63 +197,13 @@ impl Easel<'_> {
             .line_segment([centre - vec2(0.0, arm), centre + vec2(0.0, arm)], stroke);
     }
 
-    fn label(&self, mark: &Mark) {
-        let Some(label) = &mark.label else {
-            return;
-        };
-        let radius = self.transform.length(mark.dot.major_px).max(LEAST_ELLIPSE) / 2.0;
-        let place =
-            self.transform.point(mark.dot.centre_px) + vec2(0.75 * radius + 3.0, -0.75 * radius);
-        self.text(place, Align2::LEFT_BOTTOM, label, mark.class.colour());
-    }
-
-    /// Text with a dark shadow, legible on light and dark grey.
-    fn text(&self, place: Pos2, align: Align2, text: &str, colour: Color32) {
-        let font = FontId::proportional(11.0);
-        let shadow = Color32::from_black_alpha(200);
-        self.painter
-            .text(place + vec2(1.0, 1.0), align, text, font.clone(), shadow);
-        self.painter.text(place, align, text, font, colour);
-    }
-
-    fn codes(&self, codes: &[CodeMark]) {
-        let visible = self.visible();
-        // A code reaches over some ten of its dots' diameters.
-        const REACH_PX: f64 = 200.0;
-        let in_sight: Vec<&CodeMark> = codes
-            .iter()
-            .filter(|code| {
-                code.axes
-                    .first()
-                    .is_some_and(|o| visible.holds(*o, REACH_PX))
-            })
-            .collect();
-        for code in &in_sight {
-            let colour = if code.doubt.is_some() {
-                theme::DOUBTFUL
-            } else {
-                theme::CODE
-            };
-            let points: Vec<Pos2> = code
-                .axes
-                .iter()
-                .map(|place| self.transform.point(*place))
-                .collect();
-            if let [o, a, b] = points[..] {
+    fn axes(&self, code: &CodeMark) {
+        if let [o, a, b] = code.axes[..] {
+            let [o, a, b] = [o, a, b].map(|place| self.transform.point(place));
+            if o.distance(a) >= LEAST_AXIS {
+                let colour = code.colour();
                 self.painter.line_segment([o, a], Stroke::new(1.5, colour));
                 self.painter.line_segment([o, b], Stroke::new(1.0, colour));
-                if o.distance(a) > 30.0 {
-                    self.text(a + vec2(-6.0, -4.0), Align2::RIGHT_BOTTOM, "A", colour);
-                    self.text(b + vec2(-6.0, -4.0), Align2::RIGHT_BOTTOM, "B", colour);
-                }
-                if in_sight.len() <= MOST_LABELS {
-                    self.text(
-                        o + (a - o) * 0.5 + (b - o) * 0.5,
-                        Align2::CENTER_CENTER,
-                        &code.label,
-                        colour,
-                    );
-                }
             }
         }
     }
@@ -317,41 +280,121 @@ impl Easel<'_> {
         );
     }
 
-    fn missed(&self, missed: &Predicted) {
+    /// A ring that leaves the place itself free: what stands there is to be judged.
+    fn missed(&self, missed: &Predicted, dot_px: f64) {
         let strength = match missed.facing {
             Facing::Towards => 1.0,
-            Facing::Unknown => 0.4,
+            Facing::Unknown => 0.55,
         };
         let stroke = Stroke::new(1.2, theme::PREDICTED.gamma_multiply(strength));
         let centre = self.transform.point(missed.place_px);
-        self.painter.circle_stroke(centre, 6.0, stroke);
-        self.painter
-            .line_segment([centre - vec2(2.0, 0.0), centre + vec2(2.0, 0.0)], stroke);
+        let radius = (0.75 * self.transform.length(dot_px)).clamp(3.5, 40.0);
+        self.painter.circle_stroke(centre, radius, stroke);
+        for side in [-1.0, 1.0] {
+            let (from, to) = (vec2(side * radius, 0.0), vec2(side * (radius + 3.0), 0.0));
+            self.painter
+                .line_segment([centre + from, centre + to], stroke);
+        }
     }
 
     /// A ring round what is selected.
-    pub(super) fn selected(&self, place: Vector2<f64>, size_px: f64) {
-        let centre = self.transform.point(place);
-        let radius = self.transform.length(size_px).max(LEAST_ELLIPSE) / 2.0 + 5.0;
+    pub(super) fn selected(&self, focus: Focus) {
+        let centre = self.transform.point(focus.place_px);
+        let radius = self.ring(focus);
         self.painter
             .circle_stroke(centre, radius, Stroke::new(2.0, theme::SELECTED));
     }
 
-    pub(super) fn epipolar(&self, lines: &[Vec<Vector2<f64>>]) {
+    fn ring(&self, focus: Focus) -> f32 {
+        self.transform.length(focus.size_px).max(LEAST_ELLIPSE) / 2.0 + 5.0
+    }
+
+    /// Epipolar lines, the fainter the more there are; they stop before what is selected, which they all go through.
+    pub(super) fn epipolar(&self, lines: &[Vec<Vector2<f64>>], focus: Option<Focus>) {
+        /// Lines keep off the ring by so much, and stop at least so far from its centre, points.
+        const OFF_THE_RING: f32 = 3.0;
+        const LEAST_GAP: f32 = 14.0;
         if !self.overlays.shows(Overlay::Epipolar) {
             return;
         }
+        let gap = focus.map(|focus| {
+            let radius = (self.ring(focus) + OFF_THE_RING).max(LEAST_GAP);
+            (self.transform.point(focus.place_px), radius)
+        });
+        let crowd = (lines.len() as f32 / 3.0).max(1.0);
+        let colour = theme::SELECTED.gamma_multiply((0.7 / crowd.sqrt()).max(0.25));
+        let stroke = Stroke::new(if crowd > 1.0 { 0.7 } else { 1.0 }, colour);
         for line in lines {
-            let points = line
-                .iter()
-                .map(|place| self.transform.point(*place))
-                .collect();
-            self.painter.add(Shape::line(
-                points,
-                Stroke::new(1.0, theme::SELECTED.gamma_multiply(0.7)),
-            ));
+            let points = line.iter().map(|place| self.transform.point(*place));
+            for piece in outside(points, gap) {
+                self.painter.add(Shape::line(piece, stroke));
+            }
         }
     }
+}
+
+/// What is selected in this picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Focus {
+    pub(super) place_px: Vector2<f64>,
+    /// Its diameter, px.
+    pub(super) size_px: f64,
+}
+
+/// The pieces of a line outside a circle (centre and radius, points).
+pub(super) fn outside(
+    line: impl Iterator<Item = Pos2>,
+    circle: Option<(Pos2, f32)>,
+) -> Vec<Vec<Pos2>> {
+    let mut pieces: Vec<Vec<Pos2>> = vec![Vec::new()];
+    let mut before: Option<Pos2> = None;
+    for point in line {
+        if let (Some(from), Some(circle)) = (before, circle)
+            && let Some([enters, leaves]) = crossing(from, point, circle)
+        {
+            let at = |share: f32| from + share * (point - from);
+            if let Some(piece) = pieces.last_mut().filter(|_| enters > 0.0) {
+                piece.push(at(enters));
+            }
+            pieces.push(Vec::new());
+            if let Some(piece) = pieces.last_mut().filter(|_| leaves < 1.0) {
+                piece.push(at(leaves));
+            }
+        }
+        let inside = circle.is_some_and(|(centre, radius)| centre.distance(point) < radius);
+        if let Some(piece) = pieces.last_mut().filter(|_| !inside) {
+            piece.push(point);
+        }
+        before = Some(point);
+    }
+    pieces.retain(|piece| piece.len() > 1);
+    pieces
+}
+
+/// The part of a stretch within a circle, as shares of its length; `None` where it passes by.
+fn crossing(from: Pos2, to: Pos2, (centre, radius): (Pos2, f32)) -> Option<[f32; 2]> {
+    let (along, off) = (to - from, from - centre);
+    let square = along.length_sq();
+    let middle = -off.dot(along) / square;
+    let under = middle * middle - (off.length_sq() - radius * radius) / square;
+    let half = (under > 0.0).then(|| under.sqrt())?;
+    let [enters, leaves] = [middle - half, middle + half];
+    (enters < 1.0 && leaves > 0.0).then_some([enters, leaves])
+}
+
+/// The codes in a part of the picture.
+pub(super) fn codes_in_sight<'a>(
+    marks: &'a Marks,
+    visible: &PixelRect,
+) -> impl Iterator<Item = &'a CodeMark> + use<'a> {
+    let visible = *visible;
+    // A code reaches over some ten of its dots' diameters.
+    const REACH_DIAMETERS: f64 = 20.0;
+    let reach = REACH_DIAMETERS * marks.dot_px;
+    marks.codes.iter().filter(move |code| {
+        let first = code.axes.first();
+        first.is_some_and(|o| visible.holds(*o, reach))
+    })
 }
 
 /// The dots in a part of the picture, with those whose ellipse reaches into it.

@@ -1,9 +1,8 @@
 //! Where targets should be: points projected into an image, and rays of other images projected as curves.
 
-use std::collections::BTreeMap;
-
 use nalgebra::{Matrix2, Matrix6, SMatrix, Vector2, Vector3};
 
+use super::visibility::Directions;
 use crate::camera::Camera;
 use crate::geometry::{Pose, skew};
 use crate::network::{ImageEntry, ImageId, Network, Point, PointId};
@@ -11,11 +10,6 @@ use crate::targets::DotIndex;
 
 /// A dot nearer than this to a predicted place is taken for the target, px.
 const SAME_PLACE_PX: f64 = 3.0;
-/// More labels than this are not searched for the side that points are seen from: it would take longer than a frame.
-const MOST_LABELS: usize = 300_000;
-/// A point that is seen within this angle of the mean direction of its rays is turned to the camera: cos 50 degrees.
-const FACING_COS: f64 = 0.64;
-
 /// A point that an image should show and does not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Predicted {
@@ -25,16 +19,18 @@ pub struct Predicted {
     pub place_px: Vector2<f64>,
     /// Whether it is turned to the camera, as far as its other rays tell.
     pub facing: Facing,
-    /// Cosine of the angle between its mean ray and that to this camera; `None` where nothing is known of it.
-    pub cosine: Option<f64>,
+    /// Angle between its normal and the ray to this camera, degrees; `None` where its ellipses do not tell the normal.
+    pub incidence_deg: Option<f64>,
+    /// Angle between the ray to this camera and the nearest one that saw it, degrees; `None` where nothing saw it.
+    pub nearest_deg: Option<f64>,
 }
 
 /// Whether a point's face is turned to a camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Facing {
-    /// Other images see it from near this direction.
+    /// Its normal is turned this way, as far as dots are measured, and other images see it from near this direction.
     Towards,
-    /// It is seen from other sides only, or nothing is known of it.
+    /// It is turned away, seen from other sides only, or nothing is known of it.
     Unknown,
 }
 
@@ -63,43 +59,6 @@ pub fn misfit_of(
     place_px: Vector2<f64>,
 ) -> Option<Misfit> {
     Sight::of(network, entry)?.misfit(network.points.get(&point)?, place_px)
-}
-
-/// The sides that points are seen from: sums of the unit vectors from a point to the stations that see it.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Directions(BTreeMap<PointId, Vector3<f64>>);
-
-impl Directions {
-    /// The sides that all oriented images see; empty where there are so many labels that a frame has no time for them.
-    #[must_use]
-    pub fn of(network: &Network) -> Self {
-        let labels: usize = network
-            .oriented_images()
-            .map(|(_, e, _)| e.labels.len())
-            .sum();
-        let mut directions = Self::default();
-        if labels <= MOST_LABELS {
-            for (_, entry, station) in network.oriented_images() {
-                directions.add(network, entry, &station.pose);
-            }
-        }
-        directions
-    }
-
-    fn add(&mut self, network: &Network, entry: &ImageEntry, pose: &Pose) {
-        for (_, label) in entry.used_labels() {
-            if let Some(point) = network.points.get(&label.point) {
-                let sum = self.0.entry(label.point).or_default();
-                *sum += (pose.centre_in_world - point.position).normalize();
-            }
-        }
-    }
-
-    /// Cosine of the angle between the mean direction of a point's rays and that to a station.
-    fn cosine(&self, point: PointId, towards: &Vector3<f64>) -> Option<f64> {
-        let sum = self.0.get(&point).filter(|sum| sum.norm() > 0.0)?;
-        Some(sum.normalize().dot(&towards.normalize()))
-    }
 }
 
 /// A station with its camera.
@@ -152,10 +111,18 @@ impl<'a> Sight<'a> {
     }
 }
 
-/// Points that should be in the image, are labelled nowhere in it, and have no dot near their place.
+/// Points that are projected into the image, are labelled nowhere in it, and have no dot near their place; whether they
+/// should be seen is for [`Predicted::facing`] to say.
 #[must_use]
 pub fn missed_targets(network: &Network, entry: &ImageEntry) -> Vec<Predicted> {
-    missed_with(network, entry, &Directions::of(network))
+    let places = places_without_dot(network, entry);
+    let points: Vec<PointId> = places.iter().map(|(point, _)| *point).collect();
+    with_facing(
+        network,
+        entry,
+        places,
+        &Directions::of_points(network, &points),
+    )
 }
 
 /// As [`missed_targets`], with the sides that points are seen from known beforehand.
@@ -165,6 +132,35 @@ pub fn missed_with(
     entry: &ImageEntry,
     directions: &Directions,
 ) -> Vec<Predicted> {
+    let places = places_without_dot(network, entry);
+    with_facing(network, entry, places, directions)
+}
+
+fn with_facing(
+    network: &Network,
+    entry: &ImageEntry,
+    places: Vec<(PointId, Vector2<f64>)>,
+    directions: &Directions,
+) -> Vec<Predicted> {
+    let Some(sight) = Sight::of(network, entry) else {
+        return Vec::new();
+    };
+    let predicted = |(point, place_px): (PointId, Vector2<f64>)| {
+        let towards = sight.pose.centre_in_world - network.points.get(&point)?.position;
+        let aspect = directions.aspect(point, &towards);
+        Some(Predicted {
+            point,
+            place_px,
+            facing: aspect.map_or(Facing::Unknown, |aspect| aspect.facing),
+            incidence_deg: aspect.and_then(|aspect| aspect.incidence_deg),
+            nearest_deg: aspect.map(|aspect| aspect.nearest_deg),
+        })
+    };
+    places.into_iter().filter_map(predicted).collect()
+}
+
+/// Points within the picture without a label in it and without a dot near, in the order of their names.
+fn places_without_dot(network: &Network, entry: &ImageEntry) -> Vec<(PointId, Vector2<f64>)> {
     let Some(sight) = Sight::of(network, entry) else {
         return Vec::new();
     };
@@ -177,30 +173,19 @@ pub fn missed_with(
     rows.sort_by(|a, b| a.y.total_cmp(&b.y));
     let mut labelled: Vec<PointId> = entry.labels.values().map(|label| label.point).collect();
     labelled.sort_unstable();
-    let mut missed = Vec::new();
+    let mut places = Vec::new();
     for (id, point) in network.points.iter() {
         if labelled.binary_search(id).is_ok() {
             continue;
         }
-        let Some(place_px) = sight.project(&point.position) else {
-            continue;
-        };
-        if sight.camera.contains(&place_px) && !has_near(&rows, place_px) {
-            let towards = sight.pose.centre_in_world - point.position;
-            let cosine = directions.cosine(*id, &towards);
-            let facing = match cosine {
-                Some(cosine) if cosine > FACING_COS => Facing::Towards,
-                _ => Facing::Unknown,
-            };
-            missed.push(Predicted {
-                point: *id,
-                place_px,
-                facing,
-                cosine,
-            });
+        if let Some(place_px) = sight.project(&point.position)
+            && sight.camera.contains(&place_px)
+            && !has_near(&rows, place_px)
+        {
+            places.push((*id, place_px));
         }
     }
-    missed
+    places
 }
 
 fn has_near(rows: &[Vector2<f64>], place: Vector2<f64>) -> bool {

@@ -6,7 +6,7 @@ use nalgebra::Vector2;
 use super::hover::{self, Hovered};
 use super::labelling::{Choice, Entered, LabelPopup, NumberPopup, Subject, rank_labels};
 use super::marks::Marks;
-use super::measuring::MeasuredByHand;
+use super::measuring::{MeasuredByHand, NOTHING_THERE};
 use super::transform::Sight;
 use super::{Canvas, GreyWindow, ImageView, Popup, Tool};
 use crate::network::{ImageId, Network};
@@ -14,6 +14,24 @@ use crate::project::edit::Edit;
 use crate::targets::DotIndex;
 use crate::ui::action::{Action, Selection};
 use crate::ui::context::ViewContext;
+
+/// Who says where a dot is to be measured.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Pointed {
+    /// The operator, by a click (px).
+    Clicked(Vector2<f64>),
+    /// A prediction or a refused candidate (px).
+    Predicted(Vector2<f64>),
+}
+
+/// A list of labels that another panel asked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Asked {
+    /// For this dot.
+    Dot(DotIndex),
+    /// For the dot that is measured at this place, px.
+    Place(Vector2<f64>),
+}
 
 impl ImageView {
     pub(super) fn keys(
@@ -46,6 +64,7 @@ impl ImageView {
         }
         if self.tool == Tool::Measure && pressed(Key::Escape) {
             self.tool = Tool::Look;
+            self.notice = None;
         }
         if pressed(Key::A) {
             self.measure_key(canvas, context);
@@ -66,7 +85,9 @@ impl ImageView {
             _ => None,
         };
         match place {
-            Some(place) => self.measure(canvas, context, place),
+            Some(place) => {
+                self.measure(canvas, context, Pointed::Predicted(place));
+            }
             None => self.toggle_measure(),
         }
     }
@@ -136,18 +157,31 @@ impl ImageView {
         self.popup = Some(Popup::Label(LabelPopup::new(subject, at, ranked)));
     }
 
-    /// Measures at a place and asks for the label.
-    fn measure(&mut self, canvas: &Canvas<'_>, context: &ViewContext<'_>, place: Vector2<f64>) {
-        let Some(picture) = &canvas.picture else {
-            return;
-        };
+    /// Measures at a place and asks for the label; `None` while the picture is not there.
+    ///
+    /// Where nothing can be fitted only a click makes a centre: a predicted place that is put in as a measurement
+    /// confirms itself.
+    fn measure(
+        &mut self,
+        canvas: &Canvas<'_>,
+        context: &ViewContext<'_>,
+        pointed: Pointed,
+    ) -> Option<()> {
+        let picture = canvas.picture.as_ref()?;
         // A dot is added to detections; before them there is nothing to add it to.
-        let Some(detections) = canvas.marks.detections.as_ref() else {
-            return;
-        };
+        let detections = canvas.marks.detections.as_ref()?;
+        let (Pointed::Clicked(place) | Pointed::Predicted(place)) = pointed;
         let Some(measured) = MeasuredByHand::at(picture, place, &detections.dots) else {
-            return;
+            return Some(());
         };
+        if let (Pointed::Predicted(_), Some(reason)) = (pointed, &measured.refused) {
+            self.notice = Some(format!(
+                "{NOTHING_THERE}; it is set where you click. {reason}"
+            ));
+            self.tool = Tool::Measure;
+            return Some(());
+        }
+        self.notice = None;
         self.tool = Tool::Look;
         // A dot that is there already is named, not added a second time.
         let subject = match measured.known {
@@ -158,6 +192,22 @@ impl ImageView {
             },
         };
         self.open_labels(subject, canvas, context.network);
+        Some(())
+    }
+
+    /// Opens the list of labels that was asked for from outside, as soon as there is what it needs.
+    pub(super) fn open_asked(&mut self, canvas: &Canvas<'_>, context: &ViewContext<'_>) {
+        let opened = match self.asked {
+            None => return,
+            Some(Asked::Dot(dot)) => canvas.marks.of(dot).map(|mark| {
+                let subject = Subject::Dot(mark.index);
+                self.open_labels(subject, canvas, context.network);
+            }),
+            Some(Asked::Place(place)) => self.measure(canvas, context, Pointed::Predicted(place)),
+        };
+        if opened.is_some() {
+            self.asked = None;
+        }
     }
 
     pub(super) fn clicks(
@@ -178,7 +228,8 @@ impl ImageView {
             return;
         };
         if self.tool == Tool::Measure {
-            self.measure(canvas, context, canvas.transform.pixel(at));
+            let place = canvas.transform.pixel(at);
+            self.measure(canvas, context, Pointed::Clicked(place));
             return;
         }
         self.popup = None;

@@ -103,16 +103,15 @@ impl Frame {
         let network = context.network;
         self.fill_from(network);
         ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-            self.present(ui, network);
-            ui.separator();
             ui.horizontal_wrapped(|ui| {
                 for (choice, text, hint) in Choice::ALL {
                     ui.radio_value(&mut self.choice, choice, text)
                         .on_hover_text(hint);
                 }
             });
+            self.set(ui, network, actions);
             for (choice, _, hint) in Choice::ALL {
-                if choice == self.choice {
+                if choice == self.choice && choice != Choice::ThreeTwoOne {
                     ui.weak(hint);
                 }
             }
@@ -120,7 +119,8 @@ impl Frame {
                 self.points(ui, context);
                 self.axes(ui);
             }
-            self.set(ui, network, actions);
+            ui.separator();
+            self.present(ui, network);
         });
     }
 

@@ -1,15 +1,21 @@
 //! The list of images.
 
-use egui::{Align, Layout, RichText, Sense, TextStyle, TextWrapMode, Ui};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use egui::{
+    Align, Layout, RichText, ScrollArea, Sense, TextStyle, TextWrapMode, TextureHandle, Ui, vec2,
+};
 use egui_extras::{Column, TableBuilder, TableRow};
 
 use super::basis::Cached;
 use super::facts::{ImageFacts, image_facts, mark, select_image};
 use super::stale::{BEFORE_LAST_EDITS, is_stale};
-use crate::network::ImageUse;
+use crate::network::{ImageId, ImageUse};
 use crate::project::edit::Edit;
 use crate::ui::action::Action;
 use crate::ui::context::ViewContext;
+use crate::ui::pictures::Thumbnail;
 use crate::ui::theme;
 
 /// The list of images with what became of each.
@@ -17,7 +23,12 @@ use crate::ui::theme;
 pub struct Images {
     filter: String,
     facts: Cached<(), Vec<ImageFacts>>,
+    /// Thumbnails on the graphics card, with what they were made of.
+    textures: BTreeMap<ImageId, (Arc<Thumbnail>, TextureHandle)>,
 }
+
+/// Height of a thumbnail, points.
+const THUMBNAIL_HEIGHT: f32 = 34.0;
 
 impl Images {
     /// Draws it.
@@ -37,39 +48,46 @@ impl Images {
             ui.weak(format!("rms px: {BEFORE_LAST_EDITS}"));
         }
         let shown = matching(facts, &self.filter);
-        let height = ui.text_style_height(&TextStyle::Body) + 4.0;
+        let header_height = ui.text_style_height(&TextStyle::Body) + 4.0;
+        let height = THUMBNAIL_HEIGHT + 2.0;
+        let textures = &mut self.textures;
+        textures.retain(|id, _| network.images.contains_key(id));
         ui.style_mut().wrap_mode = Some(TextWrapMode::Truncate);
         let selected = shown
             .iter()
             .position(|f| context.selection.image == Some(f.id));
-        TableBuilder::new(ui)
-            .striped(true)
-            .auto_shrink(false)
-            .sense(Sense::click())
-            .cell_layout(Layout::left_to_right(Align::Center))
-            .column(Column::initial(130.0).resizable(true).clip(true))
-            .columns(Column::initial(52.0).resizable(true).clip(true), 3)
-            .column(Column::initial(82.0).resizable(true).clip(true))
-            .column(Column::initial(52.0).resizable(true).clip(true))
-            .column(Column::remainder().at_least(50.0).clip(true))
-            .header(height, |mut header| {
-                let names = [
-                    "image", "targets", "labelled", "codes", "state", "rms px", "findings",
-                ];
-                for name in names {
-                    header.col(|ui| {
-                        ui.strong(name);
+        // What says whether an image needs the operator stands first; a narrow panel scrolls to the counts.
+        ScrollArea::horizontal().show(ui, |ui| {
+            TableBuilder::new(ui)
+                .striped(true)
+                .auto_shrink(false)
+                .sense(Sense::click())
+                .cell_layout(Layout::left_to_right(Align::Center))
+                .column(Column::exact(1.5 * THUMBNAIL_HEIGHT))
+                .column(Column::initial(96.0).resizable(true).clip(true))
+                .column(Column::initial(76.0).resizable(true).clip(true))
+                .column(Column::initial(46.0).resizable(true).clip(true))
+                .columns(Column::initial(56.0).resizable(true).clip(true), 4)
+                .header(header_height, |mut header| {
+                    let names = [
+                        "", "image", "state", "rms px", "findings", "targets", "labelled", "codes",
+                    ];
+                    for name in names {
+                        header.col(|ui| {
+                            ui.strong(name);
+                        });
+                    }
+                })
+                .body(|body| {
+                    body.rows(height, shown.len(), |mut row| {
+                        row.set_selected(selected == Some(row.index()));
+                        let facts = shown[row.index()];
+                        row.col(|ui| thumbnail(ui, context, facts.id, textures));
+                        cells(&mut row, facts, is_stale(network));
+                        answer(&row, facts, actions);
                     });
-                }
-            })
-            .body(|body| {
-                body.rows(height, shown.len(), |mut row| {
-                    row.set_selected(selected == Some(row.index()));
-                    let facts = shown[row.index()];
-                    cells(&mut row, facts, is_stale(network));
-                    answer(&row, facts, actions);
                 });
-            });
+        });
     }
 }
 
@@ -81,6 +99,34 @@ fn matching<'a>(facts: &'a [ImageFacts], filter: &str) -> Vec<&'a ImageFacts> {
             f.name.to_lowercase().contains(&filter) || f.orientation.word().starts_with(&filter)
         })
         .collect()
+}
+
+/// The picture in small; asked for by looking, so only rows in sight are read.
+fn thumbnail(
+    ui: &mut Ui,
+    context: &ViewContext<'_>,
+    id: ImageId,
+    textures: &mut BTreeMap<ImageId, (Arc<Thumbnail>, TextureHandle)>,
+) {
+    let entry = context.network.images.get(&id);
+    let Some(thumbnail) = entry.and_then(|entry| context.pictures.thumbnail(id, entry)) else {
+        return;
+    };
+    let stands = textures
+        .get(&id)
+        .is_some_and(|(of, _)| Arc::ptr_eq(of, &thumbnail));
+    if !stands {
+        let picture = thumbnail.to_color_image();
+        let name = format!("thumbnail {}", id.0);
+        let texture = ui
+            .ctx()
+            .load_texture(name, picture, egui::TextureOptions::LINEAR);
+        textures.insert(id, (thumbnail, texture));
+    }
+    if let Some((_, texture)) = textures.get(&id) {
+        let size = vec2(1.5 * THUMBNAIL_HEIGHT, THUMBNAIL_HEIGHT);
+        ui.add(egui::Image::new(texture).fit_to_exact_size(size));
+    }
 }
 
 fn cells(row: &mut TableRow<'_, '_>, facts: &ImageFacts, stale: bool) {
@@ -95,11 +141,6 @@ fn cells(row: &mut TableRow<'_, '_>, facts: &ImageFacts, stale: bool) {
         let name = text(facts.name.clone());
         plain(ui, if excluded { name.strikethrough() } else { name }).on_hover_text(&facts.name);
     });
-    for number in [facts.targets, facts.labelled, facts.codes] {
-        row.col(|ui| {
-            plain(ui, text(number.to_string()));
-        });
-    }
     row.col(|ui| {
         if excluded {
             plain(ui, text("excluded".into()));
@@ -124,6 +165,11 @@ fn cells(row: &mut TableRow<'_, '_>, facts: &ImageFacts, stale: bool) {
                 .on_hover_text(facts.findings.join("\n"));
         }
     });
+    for number in [facts.targets, facts.labelled, facts.codes] {
+        row.col(|ui| {
+            plain(ui, text(number.to_string()));
+        });
+    }
 }
 
 fn answer(row: &TableRow<'_, '_>, facts: &ImageFacts, actions: &mut Vec<Action>) {

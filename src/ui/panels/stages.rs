@@ -84,14 +84,16 @@ impl StagesPanel {
             ui,
             "Images in one step",
             "More are quicker on many cores, fewer answer an interrupt with less to do again.",
-            DragValue::new(&mut draft.detection_batch).range(1..=64),
+            DragValue::new(&mut draft.detection_batch)
+                .range(1..=64)
+                .speed(1.0),
         );
         heading(ui, Stage::Identify);
         number(
             ui,
             "Fewest rays of a target",
             "Two rays always nearly meet somewhere; three that meet are no accident.",
-            DragValue::new(&mut draft.min_rays).range(3..=20),
+            DragValue::new(&mut draft.min_rays).range(3..=20).speed(1.0),
         );
         heading(ui, Stage::Adjust);
         number(
@@ -107,7 +109,7 @@ impl StagesPanel {
             ui,
             "Seed of random samples",
             "The same seed gives the same digits.",
-            DragValue::new(&mut draft.seed),
+            DragValue::new(&mut draft.seed).speed(1.0),
         );
         let changed = draft != present && !draft.families.is_empty();
         ui.horizontal(|ui| {

@@ -279,8 +279,8 @@ impl View<'_> {
         self.image.labels.contains_key(&dot) || self.image.rejected_dots.contains_key(&dot)
     }
 
-    /// Targets that other images see from this side and that have no dot here; those first that detection saw something
-    /// of, then those that face the camera best.
+    /// Targets that are turned this way, that other images see from near here, and that have no dot here; those first
+    /// that detection saw something of, then those that face the camera best.
     fn missed_targets(&self, directions: &Directions) -> Vec<ReviewItem> {
         let unnamed: Vec<Vector2<f64>> = self
             .dots()
@@ -307,20 +307,22 @@ impl View<'_> {
     }
 
     fn missed_target(&self, missed: &Predicted, refused: Option<&str>) -> ReviewItem {
-        /// Comes before what merely faces the camera: cosines differ by 2 at most.
-        const SEEN_BY_DETECTION: f64 = 2.0;
+        /// Comes before what merely faces the camera: no angle is larger, degrees.
+        const SEEN_BY_DETECTION: f64 = 180.0;
         let label = self.network.label(missed.point);
-        let cosine = missed.cosine.unwrap_or(0.0);
         let rays = self
             .network
             .points
             .get(&missed.point)
             .map_or(0, |point| point.rays);
-        let mut evidence = format!(
-            "{}: {label} should be seen here, {:.0} deg from the middle of its {rays} rays; no dot was found",
-            self.name(),
-            cosine.clamp(-1.0, 1.0).acos().to_degrees()
-        );
+        let mut evidence = format!("{}: {label} should be seen here", self.name());
+        if let Some(angle) = missed.incidence_deg {
+            evidence += &format!(", {angle:.0} deg from its normal");
+        }
+        if let Some(angle) = missed.nearest_deg {
+            evidence += &format!(", {angle:.0} deg from the nearest of its {rays} rays");
+        }
+        evidence += "; no dot was found";
         if let Some(reason) = refused {
             evidence += &format!("; detection refused one: {reason}");
         }
@@ -335,7 +337,8 @@ impl View<'_> {
             evidence,
             accept: None,
             reject: None,
-            rank: -cosine - refused.map_or(0.0, |_| SEEN_BY_DETECTION),
+            rank: missed.incidence_deg.or(missed.nearest_deg).unwrap_or(90.0)
+                - refused.map_or(0.0, |_| SEEN_BY_DETECTION),
         }
     }
 

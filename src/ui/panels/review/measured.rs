@@ -7,8 +7,11 @@ use crate::network::{ImageEntry, ImageId, Network, PointId};
 use crate::project::edit::Edit;
 use crate::targets::DotIndex;
 use crate::ui::context::ViewContext;
-use crate::ui::image_view::{MeasuredByHand, misfit_of};
+use crate::ui::image_view::{MeasuredByHand, NOTHING_THERE, misfit_of};
 use crate::ui::pictures::PictureState;
+
+/// What helps where nothing can be measured.
+pub(super) const CLICK_SETS_IT: &str = "A and a click sets it by hand";
 
 /// The measurement of the present item.
 #[derive(Default)]
@@ -79,7 +82,20 @@ impl Measured {
             State::NoPicture => "Its picture is being read.".into(),
             State::Missing(reason) => format!("Its picture cannot be read: {reason}"),
             State::Outside => "Its place is outside the picture.".into(),
-            State::Found { measured, place } => format!("{}{place}", measured.note()),
+            State::Found { measured, place } => match &measured.refused {
+                None => format!("{}{place}", measured.note()),
+                // The predicted place is no measurement: put in as one, it would confirm itself.
+                Some(reason) => format!("{NOTHING_THERE}: {reason}. {CLICK_SETS_IT}."),
+            },
+        }
+    }
+
+    /// Whether the picture shows nothing that could be measured at the predicted place: then only a click of the
+    /// operator makes a centre.
+    pub(super) fn is_nothing(&self) -> bool {
+        match &self.state {
+            State::Found { measured, .. } => self.of.is_some() && measured.refused.is_some(),
+            _ => false,
         }
     }
 
@@ -92,6 +108,7 @@ impl Measured {
             return None;
         };
         match measured.known.filter(|_| same) {
+            None if measured.refused.is_some() => None,
             None => same.then(|| Edit::AddDot {
                 image,
                 dot: measured.dot.clone(),

@@ -4,7 +4,8 @@
 //! keeps what it found in an image until that image is another, and walks through them.
 //!
 //! Where a target was missed, the present item is measured as soon as its picture is there, and accepting adds what was
-//! measured. Detection's own estimator does that on a cut-out.
+//! measured. Detection's own estimator does that on a cut-out. Where it finds nothing, accepting only goes on: a centre
+//! by hand is made by a click in the image, never from the predicted place.
 
 mod items;
 mod measured;
@@ -20,10 +21,11 @@ use egui::{Key, Modifiers, Sense, TextStyle, TextWrapMode, Ui};
 use egui_extras::{Column, TableBuilder};
 
 use super::stale::{BEFORE_LAST_EDITS, is_stale};
+use crate::network::ImageFile;
 use crate::project::edit::Edit;
 use crate::ui::action::{Action, Selection};
 use crate::ui::context::ViewContext;
-use measured::Measured;
+use measured::{CLICK_SETS_IT, Measured};
 use queue::Queue;
 
 /// What one key does to the queue.
@@ -31,14 +33,16 @@ use queue::Queue;
 enum Decision {
     Accept,
     Reject,
+    Edit,
     Next,
     Back,
 }
 
 impl Decision {
-    const ALL: [(Decision, Key); 4] = [
+    const ALL: [(Decision, Key); 5] = [
         (Decision::Accept, Key::Space),
         (Decision::Reject, Key::X),
+        (Decision::Edit, Key::E),
         (Decision::Next, Key::N),
         (Decision::Back, Key::Backspace),
     ];
@@ -57,6 +61,10 @@ pub struct Review {
     decided_last: Option<(ReviewKind, Selection)>,
     /// The item that the views were last sent to.
     looked_at: Option<(ReviewKind, Selection)>,
+    /// What the last key did, where that is not what it says.
+    said: Option<String>,
+    /// The first picture of the document that is walked through: what was decided in another is no more.
+    document: Option<ImageFile>,
     /// The views follow the queue as soon as the operator walks through it.
     following: Following,
 }
@@ -79,8 +87,9 @@ impl Review {
         }
     }
 
-    /// Draws it; takes the keys Space, X, N and Backspace unless a text field has the keyboard.
+    /// Draws it; takes the keys Space, X, E, N and Backspace unless a text field has the keyboard.
     pub fn ui(&mut self, ui: &mut Ui, context: &ViewContext<'_>, actions: &mut Vec<Action>) {
+        self.forget_other_documents(context);
         self.queue.advance(context.network);
         if let Some(left) = self.queue.images_left(context.network) {
             ui.ctx().request_repaint();
@@ -102,6 +111,18 @@ impl Review {
         ui.separator();
         self.list(ui, &open);
         self.follow(context, actions);
+    }
+
+    fn forget_other_documents(&mut self, context: &ViewContext<'_>) {
+        let first = context.network.images.values().next();
+        if first.map(|image| &image.file) != self.document.as_ref() {
+            self.document = first.map(|image| image.file.clone());
+            self.left_alone.clear();
+            self.decided_last = None;
+            self.looked_at = None;
+            self.said = None;
+            self.following = Following::NotYet;
+        }
     }
 
     /// The items that wait for a decision.
@@ -142,6 +163,7 @@ impl Review {
             let buttons = [
                 (Decision::Accept, "Accept (Space)", accept),
                 (Decision::Reject, "Reject (X)", reject),
+                (Decision::Edit, "Edit (E)", "the list of labels of its dot"),
                 (Decision::Next, "Next (N)", "decide later"),
                 (Decision::Back, "Back (Backspace)", "the item before"),
             ];
@@ -153,6 +175,9 @@ impl Review {
         });
         let (accept, reject) = effects(item);
         ui.weak(format!("Accept: {accept}. Reject: {reject}."));
+        if let Some(said) = &self.said {
+            ui.label(said);
+        }
         decision
     }
 
@@ -164,7 +189,19 @@ impl Review {
         actions: &mut Vec<Action>,
     ) {
         let item = &open[self.place];
+        self.said = None;
         let edit = match decision {
+            Decision::Accept
+                if item.kind == ReviewKind::MissedTarget && self.measured.is_nothing() =>
+            {
+                let name = item.about.point.map(|point| context.network.label(point));
+                self.said = Some(format!(
+                    "{}: nothing measurable there; {CLICK_SETS_IT}.",
+                    name.unwrap_or_default()
+                ));
+                self.go_on(open.len());
+                return;
+            }
             Decision::Accept if item.kind == ReviewKind::MissedTarget => {
                 // Without a picture, or where another target's dot stands, there is nothing to accept.
                 let edit = self.measured.edit(context.network, item);
@@ -176,10 +213,14 @@ impl Review {
             }
             Decision::Accept => &item.accept,
             Decision::Reject => &item.reject,
-            Decision::Next => {
-                self.decided_last = None;
-                self.place = (self.place + 1) % open.len();
+            Decision::Edit => {
                 self.following = Following::Yes;
+                self.looked_at = Some(item.key());
+                actions.push(Action::EditLabel(item.about.clone()));
+                return;
+            }
+            Decision::Next => {
+                self.go_on(open.len());
                 return;
             }
             Decision::Back
@@ -210,6 +251,12 @@ impl Review {
                 self.left_alone.push(item.key());
             }
         }
+    }
+
+    fn go_on(&mut self, count: usize) {
+        self.decided_last = None;
+        self.place = (self.place + 1) % count;
+        self.following = Following::Yes;
     }
 
     /// The item that was left alone last waits again; it takes its old place in the queue.
@@ -299,7 +346,10 @@ fn is_being_measured(item: &ReviewItem, context: &ViewContext<'_>) -> bool {
 /// What accepting and rejecting an item do.
 fn effects(item: &ReviewItem) -> (&'static str, &'static str) {
     match item.kind {
-        ReviewKind::MissedTarget => ("measure it here and name it", "it is not seen here"),
+        ReviewKind::MissedTarget => (
+            "take what is measured here",
+            "there is no target, do not ask again",
+        ),
         ReviewKind::UnnamedDot => ("name the dot", "no target, never use the dot"),
         _ => (
             effect(item.accept.as_ref(), "it is right, leave it"),

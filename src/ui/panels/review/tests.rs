@@ -177,16 +177,39 @@ fn a_missed_target_is_measured_and_named_by_one_key() {
 }
 
 #[test]
-fn where_nothing_can_be_measured_a_centre_is_set_with_a_hands_sigma() {
-    let (network, _, place) = with_a_missed_target();
+fn a_predicted_place_is_never_taken_for_a_measurement() {
+    let (network, ..) = with_a_missed_target();
+    let count = review_items(&network).len();
     let mut bench = missed_bench(network, picture(None));
-    bench.harness.get_by_label_contains("Not measurable");
+    bench
+        .harness
+        .get_by_label_contains("Nothing measurable there:");
     bench.harness.key_press(Key::Space);
     let actions = bench.actions();
-    let Action::Edit(Edit::AddDot { dot, .. }) = &actions[0] else {
+    assert!(
+        !actions.iter().any(|a| matches!(a, Action::Edit(_))),
+        "{actions:?}"
+    );
+    bench
+        .harness
+        .get_by_label_contains("M700: nothing measurable there");
+    // It still waits: a click in the image may set it.
+    let counted = format!("of {count}");
+    let items = bench.harness.query_all_by_label_contains(&counted);
+    assert_eq!(items.count(), 1);
+}
+
+#[test]
+fn e_asks_for_the_list_of_labels() {
+    let (network, point, place) = with_a_missed_target();
+    let mut bench = missed_bench(network, picture(Some(place)));
+    bench.harness.key_press(Key::E);
+    let actions = bench.actions();
+    let Some(Action::EditLabel(about)) = actions.first() else {
         panic!("{actions:?}");
     };
-    assert!(dot.sigma_px >= 0.5 && (dot.centre_px - place).norm() < 1e-9);
+    assert_eq!((about.point, about.image), (Some(point), Some(ImageId(1))));
+    assert!(about.place.is_some());
 }
 
 #[test]
