@@ -197,11 +197,7 @@ const NETWORK: &str = "3D view, under the pointer";
 const REVIEW: &str = "Review";
 
 /// Keys that views take while the pointer is over them, or while they are in front.
-<<<<<<< HEAD
-pub(super) const VIEW_KEYS: [ViewKey; 26] = [
-=======
-pub(super) const VIEW_KEYS: [ViewKey; 25] = [
->>>>>>> main
+pub(super) const VIEW_KEYS: [ViewKey; 27] = [
     view_key(IMAGE, "wheel", "zoom at the pointer"),
     view_key(IMAGE, "drag", "move the picture"),
     view_key(
