@@ -46,6 +46,8 @@ pub enum Action {
     Make(Box<ProjectPlan>),
     /// Something that was under way ended with this line for the operator.
     Say(String),
+    /// Something could not be done, for this reason.
+    Refuse(String),
     /// A dialog of the system answered the open form.
     Chosen(PathBuf),
     /// Save a copy of the project.

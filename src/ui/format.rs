@@ -30,6 +30,20 @@ pub fn sigma(value: f64, unit: &str) -> String {
     format!("{value:.digits$} {unit}")
 }
 
+/// A small value, written with an exponent and as many digits as its standard deviation gives sense to.
+#[must_use]
+pub fn small(value: f64, sigma: Option<f64>) -> String {
+    if value == 0.0 {
+        return "0".into();
+    }
+    let sigma = sigma.filter(|sigma| sigma.is_finite() && *sigma > 0.0);
+    let digits = sigma.map_or(3.0, |sigma| {
+        // One more than the decades between them: the second significant digit of the sigma.
+        (value.abs().log10().floor() - sigma.log10().floor() + 1.0).clamp(0.0, 8.0)
+    });
+    format!("{value:.*e}", digits as usize)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -40,5 +54,14 @@ mod tests {
         assert_eq!(with_sigma(123.456_789, Some(2.3), "mm"), "123.5 mm");
         assert_eq!(sigma(0.004_56, "mm"), "0.0046 mm");
         assert_eq!(digits_of_sigma(f64::NAN), 4);
+    }
+
+    #[test]
+    fn small_values_have_the_digits_of_their_sigma() {
+        assert_eq!(small(6.859_12e-5, Some(4.345e-8)), "6.8591e-5");
+        assert_eq!(small(4.345e-8, Some(4.345e-8)), "4.3e-8");
+        assert_eq!(small(-2.0e-9, Some(4.0e-8)), "-2e-9");
+        assert_eq!(small(1.25e-4, None), "1.250e-4");
+        assert_eq!(small(0.0, None), "0");
     }
 }

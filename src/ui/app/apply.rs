@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use egui::{Context, Theme};
 
+use super::banners::Seen;
 use super::loader::{Loaded, Then};
 use super::{App, Command, Document};
 use crate::commands::DemoRequest;
@@ -31,6 +32,7 @@ impl App {
             Action::Chosen(path) => self.forms.chosen(&path),
             Action::SaveCopy(path) => self.save_copy(&path, context),
             Action::Say(line) => self.say(line),
+            Action::Refuse(line) => self.refuse(line),
             Action::FindPictures(folder) => self.find_pictures(folder),
             Action::Run(request) => self.run(request),
             Action::Interrupt => self.interrupt(),
@@ -216,11 +218,11 @@ impl App {
         };
         let (ask, context, target) = (self.ask.clone(), context.clone(), path.to_owned());
         document.session.copy_request(path, move |copied| {
-            let line = match copied {
-                Ok(()) => format!("A copy is at {}.", target.display()),
-                Err(error) => error.to_string(),
+            let answer = match copied {
+                Ok(()) => Action::Say(format!("A copy is at {}.", target.display())),
+                Err(error) => Action::Refuse(error.to_string()),
             };
-            if ask.send(Action::Say(line)).is_ok() {
+            if ask.send(answer).is_ok() {
                 context.request_repaint();
             }
         });
@@ -257,7 +259,7 @@ impl App {
     pub(super) fn take_loaded(&mut self, context: &Context) {
         while let Some(answer) = self.loader.poll() {
             match answer {
-                Err(line) => self.say(line),
+                Err(line) => self.refuse(line),
                 Ok(Loaded::Line(line)) if line.is_empty() => {}
                 Ok(Loaded::Line(line)) => self.say(line),
                 Ok(Loaded::Recent(projects)) => self.start.recent = projects,
@@ -288,6 +290,7 @@ impl App {
     fn adopt(&mut self, mut session: Session, path: PathBuf, context: &Context) {
         self.close();
         self.forms.close();
+        self.seen = Seen::default();
         let waking = context.clone();
         session.on_saved(move || waking.request_repaint());
         let mut lines = session.warnings().to_vec();

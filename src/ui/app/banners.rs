@@ -13,14 +13,82 @@ use crate::ui::theme;
 pub(super) struct Seen {
     /// Why saving failed when the banner was dismissed.
     not_saved: Option<String>,
+    /// Whether the banner on why the project is open for reading only was dismissed.
+    reading_only: Answer,
+    /// What could not be done last, until it is dismissed or a project opens.
+    refused: Option<String>,
+}
+
+/// Whether a banner was dismissed.
+#[derive(Clone, Copy, Default, PartialEq, Eq)]
+enum Answer {
+    #[default]
+    Stands,
+    Dismissed,
 }
 
 impl App {
     /// Draws those there are reasons for.
     pub(super) fn banners(&mut self, ui: &mut Ui, actions: &mut Vec<Action>) {
         self.fault_banner(ui);
+        self.refusal_banner(ui);
+        self.reading_banner(ui, actions);
         self.saving_banner(ui, actions);
         self.missing_banner(ui, actions);
+    }
+
+    /// Something could not be done: told in the status line, and above until the operator has seen it.
+    pub(super) fn refuse(&mut self, line: String) {
+        self.say(line.clone());
+        self.seen.refused = Some(line);
+    }
+
+    /// Says what could not be done.
+    fn refusal_banner(&mut self, ui: &mut Ui) {
+        let Some(line) = &self.seen.refused else {
+            return;
+        };
+        let text = format!("Not done: {line}");
+        egui::Panel::top("refused").show(ui, |ui| {
+            ui.horizontal_wrapped(|ui| {
+                ui.colored_label(theme::DOUBTFUL, text);
+                if ui.button("Dismiss").clicked() {
+                    self.seen.refused = None;
+                }
+            });
+        });
+    }
+
+    /// Says why the project is open for reading only, and what of it could not be read.
+    fn reading_banner(&mut self, ui: &mut Ui, actions: &mut Vec<Action>) {
+        let warnings = self.session().map_or(&[][..], Session::warnings);
+        let Some((first, more)) = warnings.split_first() else {
+            return;
+        };
+        if self.seen.reading_only == Answer::Dismissed {
+            return;
+        }
+        let text = match more.len() {
+            0 => format!("The project is {first}."),
+            1 => format!("The project is {first}: {}.", more[0]),
+            count => format!(
+                "The project is {first}: {}, and {} more.",
+                more[0],
+                count - 1
+            ),
+        };
+        let all = warnings.join("\n");
+        egui::Panel::top("reading only").show(ui, |ui| {
+            ui.horizontal_wrapped(|ui| {
+                ui.colored_label(theme::DOUBTFUL, text).on_hover_text(all);
+                if ui.button(Command::SaveCopy.title()).clicked() {
+                    actions.push(Action::Do(Command::SaveCopy));
+                }
+                if ui.button("Dismiss").clicked() {
+                    self.seen.reading_only = Answer::Dismissed;
+                }
+            });
+        });
     }
 
     /// Says that a step ended by our fault, and that the document stands.
@@ -41,7 +109,8 @@ impl App {
 
     /// Says that what was done is not on the disk, why, and what helps.
     fn saving_banner(&mut self, ui: &mut Ui, actions: &mut Vec<Action>) {
-        let Some(Saving::Failed(reason)) = self.session().map(Session::saving) else {
+        let session = self.session().filter(|session| session.is_writable());
+        let Some(Saving::Failed(reason)) = session.map(Session::saving) else {
             self.seen.not_saved = None;
             return;
         };

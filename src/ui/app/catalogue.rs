@@ -197,7 +197,7 @@ const NETWORK: &str = "3D view, under the pointer";
 const REVIEW: &str = "Review";
 
 /// Keys that views take while the pointer is over them, or while they are in front.
-pub(super) const VIEW_KEYS: [ViewKey; 25] = [
+pub(super) const VIEW_KEYS: [ViewKey; 27] = [
     view_key(IMAGE, "wheel", "zoom at the pointer"),
     view_key(IMAGE, "drag", "move the picture"),
     view_key(
@@ -225,10 +225,16 @@ pub(super) const VIEW_KEYS: [ViewKey; 25] = [
     view_key(IMAGE, "N", "another number for the code"),
     view_key(NETWORK, "drag", "turn"),
     view_key(NETWORK, "Shift + drag, middle drag", "move"),
+    view_key(NETWORK, "Ctrl + drag", "roll"),
     view_key(NETWORK, "wheel, + and -", "zoom at the pointer"),
     view_key(NETWORK, "B + drag", "select all points within a box"),
     view_key(NETWORK, "F", "fit"),
-    view_key(NETWORK, "arrows", "turn"),
+    view_key(NETWORK, "arrows", "turn, after a click into the view"),
+    view_key(
+        NETWORK,
+        "Shift + arrows",
+        "move, after a click into the view",
+    ),
     view_key(REVIEW, "Space", "accept"),
     view_key(REVIEW, "X", "reject"),
     view_key(REVIEW, "E", "edit: the list of labels of the dot"),

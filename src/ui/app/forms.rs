@@ -13,6 +13,9 @@ use crate::ui::action::Action;
 use crate::ui::theme;
 use crate::worker::apart;
 
+/// Width of the fields for paths, points.
+const FIELD: f32 = 420.0;
+
 /// A question that one path answers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Ask {
@@ -185,8 +188,13 @@ impl NewForm {
 
 fn field(ui: &mut Ui, name: &str, text: &mut String) {
     let label = ui.label(name);
-    ui.add(TextEdit::singleline(text).desired_width(420.0))
-        .labelled_by(label.id);
+    ui.add(
+        TextEdit::singleline(text)
+            .desired_width(FIELD)
+            // A cell of a grid is narrower at first, and a path is read to its end.
+            .min_size(vec2(FIELD, 0.0)),
+    )
+    .labelled_by(label.id);
     ui.end_row();
 }
 
@@ -244,7 +252,7 @@ impl Forms {
         match proposal {
             Proposal::Open(path) => return Some(Action::Open(path)),
             Proposal::New(project) => self.form = Form::New(Box::new(NewForm::of(*project))),
-            Proposal::Nothing(line) => return Some(Action::Say(line)),
+            Proposal::Nothing(line) => return Some(Action::Refuse(line)),
         }
         None
     }
@@ -327,7 +335,7 @@ enum Done {
 fn path_field(ui: &mut Ui, ask: Ask, path: &mut String, fresh: bool, browse: &mut bool) -> Done {
     let label = ui.label("Path");
     let field = ui
-        .add(TextEdit::singleline(path).desired_width(420.0))
+        .add(TextEdit::singleline(path).desired_width(FIELD))
         .labelled_by(label.id);
     if fresh {
         field.request_focus();

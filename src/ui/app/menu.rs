@@ -171,8 +171,14 @@ impl App {
                 ui.label(self.message()).on_hover_text(earlier.join("\n"));
             }
             ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-                if let Some(line) = self.not_saved() {
-                    ui.colored_label(theme::REJECTED, line);
+                match self.not_saved() {
+                    Some(NotSaved::Soon(line)) => {
+                        ui.weak(line);
+                    }
+                    Some(NotSaved::Not(line)) => {
+                        ui.colored_label(theme::REJECTED, line);
+                    }
+                    None => {}
                 }
                 for status in self
                     .panels
@@ -188,15 +194,24 @@ impl App {
     }
 
     /// Why the newest state is not on the disk, where it is not.
-    fn not_saved(&self) -> Option<String> {
+    fn not_saved(&self) -> Option<NotSaved> {
         let session = self.session()?;
         if !session.is_writable() {
-            return Some("open for reading only: changes are not saved".to_owned());
+            let line = "open for reading only: changes are not saved";
+            return Some(NotSaved::Not(line.to_owned()));
         }
         match session.saving() {
             Saving::Saved => None,
-            Saving::Behind { steps } => Some(format!("saving {steps}")),
-            Saving::Failed(reason) => Some(format!("not saved: {reason}")),
+            Saving::Behind { steps } => Some(NotSaved::Soon(format!("saving {steps}"))),
+            Saving::Failed(reason) => Some(NotSaved::Not(format!("not saved: {reason}"))),
         }
     }
+}
+
+/// Why the newest state is not on the disk.
+enum NotSaved {
+    /// It is being written: no reason to worry.
+    Soon(String),
+    /// It cannot be written.
+    Not(String),
 }

@@ -161,31 +161,16 @@ impl App {
         let mut open = true;
         Window::new("All keys")
             .open(&mut open)
-            .default_size(vec2(460.0, 520.0))
+            .collapsible(false)
+            .anchor(Align2::CENTER_CENTER, vec2(0.0, 0.0))
+            .default_size(vec2(760.0, 640.0))
             .show(context, |ui| {
                 ScrollArea::vertical().show(ui, |ui| {
-                    ui.strong("Everywhere");
-                    Grid::new("keys of commands").striped(true).show(ui, |ui| {
-                        for command in Command::ALL {
-                            if let Some(keys) = command.shortcut() {
-                                ui.monospace(ui.ctx().format_shortcut(&keys));
-                                ui.label(command.title());
-                                ui.end_row();
-                            }
-                        }
+                    ui.horizontal_top(|ui| {
+                        ui.vertical(keys_of_commands);
+                        ui.add_space(24.0);
+                        ui.vertical(keys_of_views);
                     });
-                    let mut place = "";
-                    for key in &VIEW_KEYS {
-                        if key.place != place {
-                            place = key.place;
-                            ui.add_space(8.0);
-                            ui.strong(place);
-                        }
-                        ui.horizontal(|ui| {
-                            ui.monospace(key.keys);
-                            ui.label(key.meaning);
-                        });
-                    }
                 });
             });
         if !open {
@@ -310,6 +295,34 @@ impl Palette {
             }
             None => false,
         }
+    }
+}
+
+fn keys_of_commands(ui: &mut Ui) {
+    ui.strong("Everywhere");
+    Grid::new("keys of commands").striped(true).show(ui, |ui| {
+        for command in Command::ALL {
+            if let Some(keys) = command.shortcut() {
+                ui.monospace(ui.ctx().format_shortcut(&keys));
+                ui.label(command.title());
+                ui.end_row();
+            }
+        }
+    });
+}
+
+fn keys_of_views(ui: &mut Ui) {
+    for keys in VIEW_KEYS.chunk_by(|one, next| one.place == next.place) {
+        let place = keys[0].place;
+        ui.strong(place);
+        Grid::new(place).striped(true).show(ui, |ui| {
+            for key in keys {
+                ui.monospace(key.keys);
+                ui.label(key.meaning);
+                ui.end_row();
+            }
+        });
+        ui.add_space(8.0);
     }
 }
 

@@ -18,6 +18,14 @@ impl App {
         let Some(document) = &self.document else {
             return;
         };
+        let mut titles: Vec<String> = document
+            .session
+            .history()
+            .undo_titles()
+            .map(str::to_owned)
+            .collect();
+        // The history tells the latest first.
+        titles.reverse();
         let mut draw = Draw {
             view: ViewContext {
                 network: document.session.network(),
@@ -26,12 +34,7 @@ impl App {
                 group: &self.group,
                 pending: self.runner.pending(),
             },
-            titles: &document
-                .session
-                .history()
-                .undo_titles()
-                .map(str::to_owned)
-                .collect::<Vec<_>>(),
+            titles: &titles,
             earlier: document.session.earlier(),
             runner: &self.runner,
             panels: &mut self.panels,

@@ -99,6 +99,8 @@ pub(super) struct ColourScale {
     pub(super) low: f64,
     /// At its light end.
     pub(super) high: f64,
+    /// The largest of all values, which may lie beyond the light end.
+    pub(super) largest: f64,
 }
 
 /// Part of the points at either end of the colours that has the end's colour, so that one bad point does not take the
@@ -115,6 +117,7 @@ impl ColourScale {
         Some(Self {
             low: values[clipped],
             high: values[last - clipped],
+            largest: values[last],
         })
     }
 
@@ -164,6 +167,7 @@ mod tests {
         values.extend((0..100).map(f64::from));
         let scale = ColourScale::over(values.into_iter()).unwrap();
         assert!(scale.high < 100.0 && scale.low >= 0.0);
+        assert_eq!(scale.largest, 1e6);
         assert_eq!(ColourScale::over(std::iter::empty()), None);
     }
 }

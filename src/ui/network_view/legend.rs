@@ -86,6 +86,10 @@ fn rows(
                 Symbol::Gradient,
                 format!("{} to {}", number(scale.low), number(scale.high)),
             ));
+            if number(scale.largest) != number(scale.high) {
+                let text = format!("the brightest up to {}", number(scale.largest));
+                rows.push(Row::new(Symbol::Nothing, text));
+            }
         }
     }
     if scene.unknown > 0 {

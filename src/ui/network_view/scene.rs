@@ -217,6 +217,14 @@ impl Scene {
             .map(|place| &self.points[place])
     }
 
+    /// How far a station that both scenes show has moved at most, mm.
+    pub(super) fn moved(&self, before: &Scene) -> f64 {
+        self.stations
+            .iter()
+            .filter_map(|now| Some((now.centre - before.station(now.id)?.centre).length()))
+            .fold(0.0, f64::max)
+    }
+
     /// A station by its image.
     pub(super) fn station(&self, id: ImageId) -> Option<&SceneStation> {
         self.stations

@@ -48,6 +48,10 @@ const KEY_DRAG: f32 = 8.0;
 /// Factor of the distance that a press of plus takes.
 const KEY_ZOOM: f64 = 0.85;
 /// What the canvas says while there is nothing to see.
+/// A station that moves by more than this part of the viewing distance: the network has another frame or scale, and the
+/// present viewpoint would show something else or nothing.
+const JUMP: f64 = 0.5;
+
 const NOTHING_YET: &str = "no oriented images yet: run the first pair";
 
 /// What the scene's stations and points came to, for the counter.
@@ -239,6 +243,10 @@ impl NetworkView {
                     self.wish = self.wish.or(Some(Wish::Fit));
                 }
                 self.before = std::mem::replace(&mut self.now, count);
+            }
+            let limit = JUMP * self.camera.distance;
+            if self.fitted && (self.scene.as_ref()).is_some_and(|old| scene.moved(old) > limit) {
+                self.wish = self.wish.or(Some(Wish::Fit));
             }
             self.scene = Some(scene);
         }

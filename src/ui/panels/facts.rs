@@ -6,7 +6,8 @@ use egui::{Color32, Sense, Ui, vec2};
 use nalgebra::Vector2;
 
 use crate::network::{
-    About, AdjustedObservation, ImageEntry, ImageId, ImageUse, Network, PointId, Standing,
+    About, AdjustedObservation, ImageEntry, ImageId, ImageUse, Network, PointId, ScaleSource,
+    Standing,
 };
 use crate::targets::DotIndex;
 use crate::ui::action::Selection;
@@ -71,7 +72,10 @@ impl Orientation {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ImageFacts {
     pub(super) id: ImageId,
+    /// Its path.
     pub(super) name: String,
+    /// The last part of its path, or all of it where two images have the same.
+    pub(super) short: String,
     pub(super) usage: ImageUse,
     pub(super) targets: usize,
     pub(super) labelled: usize,
@@ -92,12 +96,25 @@ pub(super) fn image_facts(network: &Network) -> Vec<ImageFacts> {
             findings.entry(id).or_default().push(finding.text.clone());
         }
     }
+    let last = |path: &str| path.rsplit('/').next().unwrap_or(path).to_owned();
+    let mut carriers: BTreeMap<String, usize> = BTreeMap::new();
+    for image in network.images.values() {
+        *carriers.entry(last(&image.file.path)).or_default() += 1;
+    }
+    let short = |path: &str| {
+        let last = last(path);
+        match carriers.get(&last) {
+            Some(1) => last,
+            _ => path.to_owned(),
+        }
+    };
     network
         .images
         .iter()
         .map(|(id, image)| ImageFacts {
             id: *id,
             name: image.file.path.clone(),
+            short: short(&image.file.path),
             usage: image.usage,
             targets: image.detections.as_ref().map_or(0, |d| d.dots.len()),
             labelled: image.labels.len(),
@@ -198,6 +215,21 @@ pub(super) fn select_observation(
     }
 }
 
+/// Says that lengths are no true ones, where nothing gave the scale.
+pub(super) fn arbitrary_scale(ui: &mut Ui, network: &Network) {
+    let scale = network.adjustment.as_ref().map(|a| a.scale_from);
+    if scale == Some(ScaleSource::Arbitrary) {
+        mark(ui, Some(theme::DOUBTFUL));
+        ui.label(ARBITRARY_SCALE).on_hover_text(
+            "The first base counts 1000 mm. A scale bar, two control points, the reference cross or codes of known size \
+             give true lengths.",
+        );
+    }
+}
+
+/// What stands beside lengths without a scale.
+const ARBITRARY_SCALE: &str = "The scale is arbitrary: mm are no true millimetres.";
+
 /// Diameter of a coloured mark, points.
 const MARK: f32 = 9.0;
 
@@ -227,6 +259,16 @@ mod tests {
         assert_eq!(facts[1].orientation.reason(), Some("too few codes"));
         assert_eq!(facts[2].usage, ImageUse::Excluded);
         assert_eq!(facts[1].findings.len(), 1);
+    }
+
+    #[test]
+    fn images_are_named_by_their_file_where_that_tells_them_apart() {
+        let mut network = network();
+        for (id, path) in [(1, "../a/x.png"), (2, "../a/y.png"), (3, "../b/y.png")] {
+            network.image_mut(ImageId(id)).file.path = path.into();
+        }
+        let names: Vec<String> = image_facts(&network).into_iter().map(|f| f.short).collect();
+        assert_eq!(names, ["x.png", "../a/y.png", "../b/y.png"]);
     }
 
     #[test]

@@ -110,6 +110,11 @@ impl Frame {
                 }
             });
             self.set(ui, network, actions);
+            for (choice, _, hint) in Choice::ALL {
+                if choice == self.choice && choice != Choice::ThreeTwoOne {
+                    ui.weak(hint);
+                }
+            }
             if self.choice == Choice::ThreeTwoOne {
                 self.points(ui, context);
                 self.axes(ui);
@@ -177,6 +182,8 @@ impl Frame {
                     ui.add(
                         TextEdit::singleline(label)
                             .desired_width(FIELD)
+                            // A cell of a grid is narrower at first.
+                            .min_size(egui::vec2(FIELD, 0.0))
                             .hint_text("such as C17.O"),
                     )
                     .labelled_by(name.id);

@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use egui::{
-    Align, Layout, RichText, ScrollArea, Sense, TextStyle, TextWrapMode, TextureHandle, Ui, vec2,
+    Align, Layout, RichText, ScrollArea, Sense, TextStyle, TextWrapMode, TextureHandle, Ui,
+    WidgetInfo, vec2,
 };
 use egui_extras::{Column, TableBuilder, TableRow};
 
@@ -138,8 +139,10 @@ fn cells(row: &mut TableRow<'_, '_>, facts: &ImageFacts, stale: bool) {
     let plain =
         |ui: &mut Ui, content: RichText| ui.add(egui::Label::new(content).selectable(false));
     row.col(|ui| {
-        let name = text(facts.name.clone());
-        plain(ui, if excluded { name.strikethrough() } else { name }).on_hover_text(&facts.name);
+        let name = text(facts.short.clone());
+        let response = plain(ui, if excluded { name.strikethrough() } else { name });
+        response.widget_info(|| WidgetInfo::labeled(egui::Role::Label, true, &facts.name));
+        response.on_hover_text(&facts.name);
     });
     row.col(|ui| {
         if excluded {

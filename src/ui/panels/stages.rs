@@ -27,7 +27,7 @@ impl StagesPanel {
         actions: &mut Vec<Action>,
     ) {
         ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-            progress(ui, runner);
+            progress(ui, context.network, runner);
             if !context.pending.is_empty() {
                 let text = match context.pending.len() {
                     1 => "1 edit waits for the end of this step".to_owned(),
@@ -141,7 +141,7 @@ fn number(ui: &mut Ui, name: &str, reason: &str, field: DragValue<'_>) {
     });
 }
 
-fn progress(ui: &mut Ui, runner: &Runner) {
+fn progress(ui: &mut Ui, network: &Network, runner: &Runner) {
     let Some((stage, step, progress)) = runner.progress() else {
         return;
     };
@@ -151,12 +151,19 @@ fn progress(ui: &mut Ui, runner: &Runner) {
         step
     };
     ui.label(format!("{}: {what}", title(stage)));
-    let share = progress.done as f32 / progress.total.max(1) as f32;
-    let left = progress.total.saturating_sub(progress.done);
-    let text = if progress.total > 0 {
-        format!("{} ({left} left)", progress.title)
-    } else {
-        progress.title
+    let (done, total, title) = match progress.total {
+        // Images are connected one by one, each a step of its own.
+        0 if stage == Stage::Connect => (
+            network.oriented_images().count() as u64,
+            network.used_images().count() as u64,
+            "connecting images".to_owned(),
+        ),
+        total => (progress.done, total, progress.title),
+    };
+    let share = done as f32 / total.max(1) as f32;
+    let text = match total.saturating_sub(done) {
+        left if total > 0 => format!("{title} ({left} left)"),
+        _ => title,
     };
     ui.add(ProgressBar::new(share).text(text));
 }

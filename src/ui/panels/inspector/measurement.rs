@@ -6,8 +6,8 @@ use super::facts;
 use crate::camera::INTERIOR_NAMES;
 use crate::network::{AdjustmentResult, CameraEntry, CameraId, Network, PointKind};
 use crate::ui::context::ViewContext;
-use crate::ui::format::{pixels, sigma, with_sigma};
-use crate::ui::panels::facts::mark;
+use crate::ui::format::{self, pixels, sigma, with_sigma};
+use crate::ui::panels::facts::{arbitrary_scale, mark};
 use crate::ui::panels::stale::from_adjustment;
 use crate::ui::panels::tables::{INTERIOR_UNITS, LENGTHS};
 use crate::ui::theme;
@@ -65,6 +65,7 @@ fn precision(ui: &mut Ui, network: &Network, adjustment: &AdjustmentResult) {
         ("scale from", adjustment.scale_from.to_string()),
     ];
     facts(ui, "precision", &rows);
+    ui.horizontal_wrapped(|ui| arbitrary_scale(ui, network));
     if adjustment.bars.is_empty() {
         return;
     }
@@ -129,15 +130,13 @@ enum Precision {
 
 fn parameter(ui: &mut Ui, place: usize, name: &str, value: f64, precision: Precision) {
     let unit = INTERIOR_UNITS[place];
-    let small = |number: f64| match (number, unit) {
-        (0.0, "1") => "0".to_owned(),
-        (0.0, _) => format!("0 {unit}"),
-        (_, "1") => format!("{number:.3e}"),
-        _ => format!("{number:.3e} {unit}"),
-    };
     let deviation = match precision {
         Precision::Sigma(sigma) => Some(sigma),
         Precision::NotYet | Precision::Fixed => None,
+    };
+    let small = |number: f64| match unit {
+        "1" => format::small(number, deviation),
+        _ => format!("{} {unit}", format::small(number, deviation)),
     };
     ui.label(name);
     ui.label(match place < LENGTHS {

@@ -74,6 +74,9 @@ impl Default for Exaggeration {
 /// Factor of one click on longer or shorter.
 const STEP: f64 = 2.0;
 
+/// A curve for a smaller sigma0 would be a needle; it does not make the others flat.
+const LEAST_SIGMA0: f64 = 0.25;
+
 /// How near the pointer must be to a point of a plot to take it, points.
 const REACH: f32 = 12.0;
 
@@ -192,6 +195,8 @@ fn histogram(ui: &mut Ui, data: &PlotData) {
     Plot::new("histogram")
         .x_axis_label("w")
         .y_axis_label("residuals")
+        // A curve given by a function does not ask for room itself.
+        .include_y(1.05 * normal_curve(0.0, sigma0.clamp(LEAST_SIGMA0, 1.0), count))
         .legend(Legend::default())
         .show(ui, |plot| {
             plot.bar_chart(
@@ -218,6 +223,15 @@ const AXES: [(&str, Color32, MarkerShape); 3] = [
     ("sigma z", theme::DOUBTFUL, MarkerShape::Diamond),
 ];
 
+/// The label of the point at this place of the axis; empty between two places and beyond the ends.
+fn label_at(data: &PlotData, place: f64) -> String {
+    let is_place = place >= 0.0 && place.fract() == 0.0;
+    data.sigmas
+        .get(place as usize)
+        .filter(|_| is_place)
+        .map_or_else(String::new, |point| point.label.clone())
+}
+
 /// Answers the point that was clicked.
 fn sigmas(ui: &mut Ui, data: &PlotData, selected: Option<PointId>) -> Option<PointId> {
     if data.sigmas.is_empty() {
@@ -240,6 +254,7 @@ fn sigmas(ui: &mut Ui, data: &PlotData, selected: Option<PointId>) -> Option<Poi
     };
     let response = Plot::new("sigmas")
         .x_axis_label("point")
+        .x_axis_formatter(|mark, _| label_at(data, mark.value))
         .y_axis_label("sigma mm")
         .include_y(0.0)
         .legend(Legend::default())

@@ -15,6 +15,7 @@ use egui_extras::{Column, TableBuilder};
 
 use self::values::{Cell, Direction, Order, Sort, Table, as_text};
 use super::basis::Cached;
+use super::facts::arbitrary_scale;
 use super::stale::from_adjustment;
 use crate::ui::action::{Action, Selection};
 use crate::ui::context::ViewContext;
@@ -126,7 +127,12 @@ impl Tables {
             ui.weak(table.empty);
             return;
         }
-        ui.weak(format!("{} of {}", order.len(), table.rows.len()));
+        ui.horizontal(|ui| {
+            ui.weak(format!("{} of {} rows", order.len(), table.rows.len()));
+            if matches!(kind, TableKind::Points | TableKind::Images) {
+                arbitrary_scale(ui, network);
+            }
+        });
         let follow = self.selected != *context.selection;
         self.selected = context.selection.clone();
         let clicks = from_adjustment(ui, network, |ui| {
@@ -200,6 +206,7 @@ fn draw(
             .id_salt(kind.title())
             .striped(true)
             .auto_shrink(false)
+            .cell_layout(egui::Layout::left_to_right(egui::Align::Center))
             .sense(Sense::click());
         for column in table.columns {
             let width = Column::initial(column.width).at_least(30.0);
@@ -265,7 +272,7 @@ fn draw_cell(ui: &mut Ui, cell: &Cell, muted: bool) {
     let text = RichText::new(cell.to_string());
     let text = if muted { text.weak() } else { text };
     let label = Label::new(text).selectable(false);
-    if matches!(cell, Cell::Number { .. } | Cell::Small(_)) {
+    if matches!(cell, Cell::Number { .. } | Cell::Small { .. }) {
         // Numbers stand on the right, so that their digits stand below each other.
         let right = egui::Layout::right_to_left(egui::Align::Center);
         ui.with_layout(right, |ui| ui.add(label));

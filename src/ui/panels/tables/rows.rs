@@ -274,7 +274,7 @@ fn cameras(network: &Network) -> Vec<Row> {
             let sigma = sigma.filter(|s| *s > 0.0);
             let number = |value: f64| match i < LENGTHS {
                 true => Cell::number(value, sigma.map_or(4, digits_of_sigma)),
-                false => Cell::Small(value),
+                false => Cell::Small { value, sigma },
             };
             let cells = vec![
                 Cell::Text(name.clone()),

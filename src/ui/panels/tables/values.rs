@@ -5,6 +5,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use crate::ui::action::Selection;
+use crate::ui::format;
 
 /// A column of a table.
 pub(super) struct TableColumn {
@@ -33,7 +34,12 @@ pub(super) enum Cell {
         digits: u8,
     },
     /// A small number, written with an exponent.
-    Small(f64),
+    Small {
+        /// The number.
+        value: f64,
+        /// Its standard deviation, which gives the digits.
+        sigma: Option<f64>,
+    },
 }
 
 impl Cell {
@@ -58,7 +64,7 @@ impl Cell {
 
     fn value(&self) -> Option<f64> {
         match self {
-            Cell::Number { value, .. } | Cell::Small(value) => Some(*value),
+            Cell::Number { value, .. } | Cell::Small { value, .. } => Some(*value),
             _ => None,
         }
     }
@@ -79,8 +85,7 @@ impl fmt::Display for Cell {
                     &text
                 })
             }
-            Cell::Small(0.0) => f.write_str("0"),
-            Cell::Small(value) => write!(f, "{value:.3e}"),
+            Cell::Small { value, sigma } => f.write_str(&format::small(*value, *sigma)),
         }
     }
 }
