@@ -41,6 +41,12 @@ impl ImageView {
         context: &ViewContext<'_>,
         actions: &mut Vec<Action>,
     ) {
+        let escape = |input: &mut egui::InputState| input.consume_key(Modifiers::NONE, Key::Escape);
+        // Wherever the pointer is: a tool that waits for a click would hold the key back from everything else.
+        if self.tool == Tool::Measure && self.popup.is_none() && ui.input_mut(escape) {
+            self.tool = Tool::Look;
+            self.notice = None;
+        }
         let open = canvas.pointer.is_some() || canvas.response.has_focus();
         if !open || self.popup.is_some() || ui.ctx().text_edit_focused() {
             return;
@@ -61,10 +67,6 @@ impl ImageView {
         }
         if pressed(Key::Z) {
             self.toggle_loupe();
-        }
-        if self.tool == Tool::Measure && pressed(Key::Escape) {
-            self.tool = Tool::Look;
-            self.notice = None;
         }
         if pressed(Key::A) {
             self.measure_key(canvas, context);
