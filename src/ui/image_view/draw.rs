@@ -203,7 +203,10 @@ impl ImageView {
                         hover::dot_tooltip(ui, mark);
                     }
                 }
-                Hovered::Missed(missed) => hover::missed_tooltip(ui, &missed, context.network),
+                Hovered::Missed(missed) => {
+                    let refused = marks.refused_near(missed.place_px);
+                    hover::missed_tooltip(ui, &missed, refused, context.network);
+                }
                 Hovered::Candidate(slot) => {
                     if let Some(rejected) =
                         marks.detections.as_ref().and_then(|d| d.rejected.get(slot))

@@ -102,7 +102,12 @@ pub(super) fn dot_tooltip(ui: &mut Ui, mark: &Mark) {
 }
 
 /// The tooltip of a missed target.
-pub(super) fn missed_tooltip(ui: &mut Ui, missed: &Predicted, network: &Network) {
+pub(super) fn missed_tooltip(
+    ui: &mut Ui,
+    missed: &Predicted,
+    refused: Option<&Rejected>,
+    network: &Network,
+) {
     let name = network.label(missed.point);
     ui.strong(match missed.facing {
         Facing::Towards => format!("{name} should be here"),
@@ -122,6 +127,9 @@ pub(super) fn missed_tooltip(ui: &mut Ui, missed: &Predicted, network: &Network)
     }
     if let Some(angle) = missed.nearest_deg {
         ui.label(format!("{angle:.0} deg from the nearest of its rays"));
+    }
+    if let Some(refused) = refused {
+        ui.label(format!("Detection refused one here: {}", refused.reason));
     }
     ui.weak("A measures it here");
 }

@@ -11,7 +11,7 @@ use crate::network::{
     AdjustedObservation, AdjustmentResult, CameraEntry, CameraId, ImageEntry, ImageId, Network,
     Point, PointId, Source, Standing,
 };
-use crate::targets::{CodeReading, Detections, Dot, DotIndex};
+use crate::targets::{CodeReading, Detections, Dot, DotIndex, Rejected};
 use crate::ui::theme;
 
 /// What a dot counts for; each has its colour.
@@ -162,6 +162,14 @@ pub(super) struct Marks {
 impl Marks {
     pub(super) fn of(&self, index: DotIndex) -> Option<&Mark> {
         self.dots.get(index.slot())
+    }
+
+    /// The refused candidate nearest to a place, within the diameter of a dot.
+    pub(super) fn refused_near(&self, place_px: Vector2<f64>) -> Option<&Rejected> {
+        let distance = |rejected: &Rejected| (rejected.place_px - place_px).norm();
+        let all = self.detections.iter().flat_map(|d| &d.rejected);
+        all.filter(|rejected| distance(rejected) <= self.dot_px)
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)))
     }
 
     /// The dot with a point's name.
