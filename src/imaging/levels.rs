@@ -1,6 +1,7 @@
 //! Connected components of a picture at rising grey levels.
 
 use super::GreyImage;
+use crate::monitor::{Interrupted, Monitor};
 
 /// How a picture is cut into levels.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,6 +62,19 @@ impl LevelTree {
     /// Cuts the picture.
     #[must_use]
     pub fn new(image: &GreyImage, settings: &LevelSettings) -> Self {
+        // Nobody interrupts this monitor.
+        Self::new_unless_interrupted(image, settings, &Monitor::new()).unwrap_or_default()
+    }
+
+    /// As [`LevelTree::new`], obeying the interrupt from level to level.
+    ///
+    /// # Errors
+    /// [`Interrupted`].
+    pub fn new_unless_interrupted(
+        image: &GreyImage,
+        settings: &LevelSettings,
+        monitor: &Monitor,
+    ) -> Result<Self, Interrupted> {
         let mut tree = Self::default();
         let brightest = f64::from(image.brightest());
         let mut height = settings.first.max(1.0);
@@ -73,9 +87,10 @@ impl LevelTree {
             if settings.black + height >= brightest {
                 break;
             }
+            monitor.check()?;
             runs = runs_inside(image, &runs, settings.black + height);
         }
-        tree
+        Ok(tree)
     }
 
     /// Sums every component of the level and replaces the runs' links by their nodes.

@@ -1,7 +1,7 @@
 //! Pictures from files: the only place of this folder that touches the disk.
 
 use std::fmt;
-use std::io::Cursor;
+use std::io::{self, BufRead, Cursor, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use exif::{In, Tag, Value};
@@ -10,6 +10,7 @@ use image::{DynamicImage, ImageFormat, ImageReader, Limits};
 use serde::{Deserialize, Serialize};
 
 use super::{BitDepth, GreyImage};
+use crate::monitor::Monitor;
 
 /// What a picture file may demand.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -90,8 +91,63 @@ const KNOWN_FORMATS: &str = "a TIFF, PNG, JPEG, BMP or PGM picture";
 /// # Errors
 /// [`LoadError`] where the file cannot be read, is no picture, is damaged or incomplete, or is too large.
 pub fn load_picture(file: &Path, settings: &LoadSettings) -> Result<Picture, LoadError> {
+    load_picture_until(file, settings, &Monitor::new())
+}
+
+/// As [`load_picture`], until the monitor is interrupted: then some error comes, and the monitor tells that it means
+/// nothing.
+///
+/// # Errors
+/// [`LoadError`].
+pub fn load_picture_until(
+    file: &Path,
+    settings: &LoadSettings,
+    monitor: &Monitor,
+) -> Result<Picture, LoadError> {
     let bytes = read_file(file)?;
-    decode(file, &bytes, settings)
+    decode(file, &bytes, settings, monitor)
+}
+
+/// A file in memory that breaks off when the monitor is interrupted, so that a decoder stops.
+struct Stoppable<'a> {
+    bytes: Cursor<&'a [u8]>,
+    monitor: &'a Monitor,
+}
+
+/// Bytes that a decoder gets at once: a fraction of a millisecond of decoding.
+const PORTION: usize = 16 * 1024;
+
+impl Stoppable<'_> {
+    fn check(&self) -> io::Result<()> {
+        // Not of the kind `Interrupted`: that one means "try again".
+        self.monitor.check().map_err(io::Error::other)
+    }
+}
+
+impl Read for Stoppable<'_> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        self.check()?;
+        let length = buffer.len().min(PORTION);
+        self.bytes.read(&mut buffer[..length])
+    }
+}
+
+impl BufRead for Stoppable<'_> {
+    fn fill_buf(&mut self) -> io::Result<&[u8]> {
+        self.check()?;
+        let portion = self.bytes.fill_buf()?;
+        Ok(&portion[..portion.len().min(PORTION)])
+    }
+
+    fn consume(&mut self, amount: usize) {
+        self.bytes.consume(amount);
+    }
+}
+
+impl Seek for Stoppable<'_> {
+    fn seek(&mut self, position: SeekFrom) -> io::Result<u64> {
+        self.bytes.seek(position)
+    }
 }
 
 /// Reads what the file says of the camera, without the grey values; nothing where it says nothing.
@@ -140,7 +196,12 @@ fn format_of(file: &Path, bytes: &[u8]) -> Result<ImageFormat, LoadError> {
         .map_err(|_| refused(file, "a file that is no picture", KNOWN_FORMATS))
 }
 
-fn decode(file: &Path, bytes: &[u8], settings: &LoadSettings) -> Result<Picture, LoadError> {
+fn decode(
+    file: &Path,
+    bytes: &[u8],
+    settings: &LoadSettings,
+    monitor: &Monitor,
+) -> Result<Picture, LoadError> {
     let format = format_of(file, bytes)?;
     if format == ImageFormat::Jpeg && !jpeg_is_complete(bytes) {
         return Err(refused(
@@ -149,7 +210,13 @@ fn decode(file: &Path, bytes: &[u8], settings: &LoadSettings) -> Result<Picture,
             "a complete file",
         ));
     }
-    let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
+    let mut reader = ImageReader::with_format(
+        Stoppable {
+            bytes: Cursor::new(bytes),
+            monitor,
+        },
+        format,
+    );
     let mut limits = Limits::default();
     limits.max_image_width = Some(settings.largest_side_px);
     limits.max_image_height = Some(settings.largest_side_px);
@@ -322,7 +389,12 @@ mod tests {
     }
 
     fn decoded(bytes: &[u8]) -> Result<Picture, LoadError> {
-        decode(Path::new("a.tif"), bytes, &LoadSettings::default())
+        decode(
+            Path::new("a.tif"),
+            bytes,
+            &LoadSettings::default(),
+            &Monitor::new(),
+        )
     }
 
     fn slope() -> DynamicImage {
@@ -415,7 +487,7 @@ mod tests {
             ImageFormat::Pnm,
         ] {
             let bytes = encoded(&slope(), format);
-            let error = decode(Path::new("a"), &bytes, &settings)
+            let error = decode(Path::new("a"), &bytes, &settings, &Monitor::new())
                 .unwrap_err()
                 .to_string();
             assert!(error.contains("at most 20 px a side"), "{format:?} {error}");

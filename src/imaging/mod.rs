@@ -20,5 +20,8 @@ mod noise;
 
 pub use grey::{BitDepth, GreyImage, WrongSampleCount};
 pub use levels::{LevelNode, LevelSettings, LevelTree};
-pub use load::{LoadError, LoadSettings, Picture, PictureMeta, load_picture, read_meta, read_size};
+pub use load::{
+    LoadError, LoadSettings, Picture, PictureMeta, load_picture, load_picture_until, read_meta,
+    read_size,
+};
 pub use noise::noise_level;

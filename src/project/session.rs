@@ -15,7 +15,7 @@ pub use super::saver::Saving;
 use super::saver::{Saver, Target};
 use super::storage::{JournalEntry, Opened, StorageError, Store};
 use super::whereabouts::{Found, PictureMoves};
-use crate::imaging::{GreyImage, LoadSettings, load_picture};
+use crate::imaging::{GreyImage, LoadSettings, load_picture_until};
 use crate::monitor::Monitor;
 use crate::network::{About, Finding, FindingKind, ImageEntry, ImageId, Network, Outcome, Stage};
 use crate::stages::{Advance, Halt, Pictures, StageError, Step};
@@ -26,9 +26,9 @@ struct PictureFiles {
 }
 
 impl Pictures for PictureFiles {
-    fn load(&self, image: &ImageEntry) -> Result<GreyImage, String> {
+    fn load(&self, image: &ImageEntry, monitor: &Monitor) -> Result<GreyImage, String> {
         let path = picture_path(&self.folder, &image.file.path);
-        let picture = load_picture(&path, &LoadSettings::default())
+        let picture = load_picture_until(&path, &LoadSettings::default(), monitor)
             .map_err(|e| e.to_string())?
             .image;
         let found = (picture.width() as u64, picture.height() as u64);
@@ -365,7 +365,9 @@ impl Session {
         let readable: Vec<ImageId> = self
             .network
             .used_images()
-            .filter(|(_, image)| image.unreadable.is_some() && self.pictures.load(image).is_ok())
+            .filter(|(_, image)| {
+                image.unreadable.is_some() && self.pictures.load(image, &Monitor::new()).is_ok()
+            })
             .map(|(id, _)| id)
             .collect();
         if readable.is_empty() {

@@ -43,7 +43,8 @@ pub(super) fn run(
         .map(|id| {
             task.step().ok()?;
             let families = &network.settings.families;
-            match pictures.load(&network.images[id]) {
+            match pictures.load(&network.images[id], monitor) {
+                Err(_) if monitor.is_interrupted() => None,
                 Err(reason) => Some(Err(reason)),
                 Ok(picture) => detect_unless_interrupted(&picture, families, &settings, monitor)
                     .ok()

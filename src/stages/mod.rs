@@ -40,8 +40,9 @@ pub trait Pictures: Sync {
     /// The picture of an image.
     ///
     /// # Errors
-    /// One line for the operator: which file, what is wrong with it.
-    fn load(&self, image: &ImageEntry) -> Result<GreyImage, String>;
+    /// One line for the operator: which file, what is wrong with it. Whatever it says where the monitor was interrupted
+    /// meanwhile means nothing.
+    fn load(&self, image: &ImageEntry, monitor: &Monitor) -> Result<GreyImage, String>;
 }
 
 /// One step of a stage.

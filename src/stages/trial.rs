@@ -25,7 +25,7 @@ pub(super) const SIGMA_PX: f64 = 0.02;
 struct NoPictures;
 
 impl Pictures for NoPictures {
-    fn load(&self, image: &ImageEntry) -> Result<GreyImage, String> {
+    fn load(&self, image: &ImageEntry, _monitor: &Monitor) -> Result<GreyImage, String> {
         Err(format!("{}: a trial has no pictures", image.file.path))
     }
 }

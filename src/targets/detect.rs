@@ -63,7 +63,7 @@ pub fn detect_unless_interrupted(
         clipping: image.clipping().map(f64::from),
     };
     let (dots, mut rejected) = find_dots(&view, settings, monitor)?;
-    let rings = read_rings(&view, &dots, families);
+    let rings = read_rings(&view, &dots, families, monitor)?;
     let kept = without_rings(&dots, &rings);
     rejected.retain(|place| !inside_a_target(place.place_px, &dots, &rings));
     let mut codes = Vec::new();
@@ -135,7 +135,9 @@ fn find_dots(
     monitor: &Monitor,
 ) -> Result<(Vec<MeasuredDot>, Vec<Rejected>), Interrupted> {
     monitor.check()?;
-    let tree = LevelTree::new(view.image, &level_settings(view, settings));
+    let tree =
+        LevelTree::new_unless_interrupted(view.image, &level_settings(view, settings), monitor)?;
+    monitor.check()?;
     let (width, height) = (view.image.width(), view.image.height());
     let found = candidates(&tree, width, height, &candidate_settings(settings));
     let measured: Vec<_> = found
@@ -262,7 +264,12 @@ fn each_once(dots: Vec<MeasuredDot>) -> Vec<MeasuredDot> {
         .collect()
 }
 
-fn read_rings(view: &View, dots: &[MeasuredDot], families: &[Family]) -> Vec<RingOutcome> {
+fn read_rings(
+    view: &View,
+    dots: &[MeasuredDot],
+    families: &[Family],
+    monitor: &Monitor,
+) -> Result<Vec<RingOutcome>, Interrupted> {
     let mut segments: Vec<u8> = families
         .iter()
         .filter_map(|family| match family {
@@ -273,7 +280,10 @@ fn read_rings(view: &View, dots: &[MeasuredDot], families: &[Family]) -> Vec<Rin
     segments.sort_unstable();
     segments.dedup();
     dots.par_iter()
-        .map(|dot| read_ring(view, dot, &segments))
+        .map(|dot| {
+            monitor.check()?;
+            Ok(read_ring(view, dot, &segments))
+        })
         .collect()
 }
 

@@ -29,7 +29,7 @@ pub(crate) struct Rendered {
 pub(crate) struct Memory(BTreeMap<String, GreyImage>);
 
 impl Pictures for Memory {
-    fn load(&self, image: &ImageEntry) -> Result<GreyImage, String> {
+    fn load(&self, image: &ImageEntry, _monitor: &Monitor) -> Result<GreyImage, String> {
         let path = &image.file.path;
         self.0
             .get(path)

@@ -205,7 +205,7 @@ pub(super) const VIEW_KEYS: [ViewKey; 27] = [
         "W + drag, right drag",
         "window and level (contrast and brightness)",
     ),
-    view_key(IMAGE, "0", "automatic contrast"),
+    view_key(IMAGE, "0", "contrast for what is in sight"),
     view_key(IMAGE, "F", "whole picture"),
     view_key(IMAGE, "1", "one to one"),
     view_key(IMAGE, "Z", "loupe"),

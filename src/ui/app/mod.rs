@@ -293,6 +293,9 @@ impl eframe::App for App {
         let context = ui.ctx().clone();
         let mut actions = Vec::new();
         self.modal_keys(&context);
+        if self.is_in_front(Pane::Review) {
+            self.panels.review.take_keys(&context);
+        }
         actions.extend(self.keys_with_alt(&context));
         egui::Panel::top("menu").show(ui, |ui| self.menu(ui, &mut actions));
         egui::Panel::bottom("status").show(ui, |ui| self.status(ui, &mut actions));

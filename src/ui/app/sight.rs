@@ -197,6 +197,12 @@ impl App {
         }
     }
 
+    /// Whether a panel can be seen.
+    pub(super) fn is_in_front(&self, pane: Pane) -> bool {
+        let shown = |id: &egui_tiles::TileId| self.tree.tiles.get_pane(id) == Some(&pane);
+        self.document.is_some() && self.tree.active_tiles().iter().any(shown)
+    }
+
     /// Brings a panel to the front.
     pub(super) fn show_pane(&mut self, pane: Pane) {
         self.tree

@@ -9,7 +9,7 @@ use super::hover::{self, Hovered};
 use super::labelling::{LabelPopup, Subject};
 use super::marks::Marks;
 use super::occupancy::Occupancy;
-use super::overlay::{Easel, Focus};
+use super::overlay::{Easel, Focus, Overlay, Overlays};
 use super::tiles::PictureCallback;
 use super::tools::selected_dot;
 use super::{Canvas, EpipolarCache, ImageView, Loupe, Popup, ScreenFromImage, prediction};
@@ -22,8 +22,18 @@ use crate::ui::context::ViewContext;
 pub(super) const SURROUNDINGS: Color32 = Color32::from_gray(24);
 /// Magnification of the loupe, screen points per pixel.
 const LOUPE_SCALE: f64 = 16.0;
+/// A small loupe magnifies less, so that so many pixels are seen across: a dot with its surroundings.
+const LOUPE_LEAST_PX: f64 = 13.0;
 /// Side of the loupe, points.
 const LOUPE_SIDE: f32 = 220.0;
+
+/// A part of the screen with what is drawn there.
+#[derive(Clone, Copy)]
+struct Field {
+    rect: Rect,
+    transform: ScreenFromImage,
+    overlays: Overlays,
+}
 
 impl ImageView {
     pub(super) fn draw(&mut self, ui: &Ui, canvas: &Canvas<'_>, context: &ViewContext<'_>) {
@@ -33,7 +43,11 @@ impl ImageView {
         self.epipolar.update(context, self.image, &canvas.marks);
         // The memory of the grid goes from frame to frame.
         let mut occupancy = std::mem::take(&mut self.occupancy);
-        let whole = (canvas.rect, canvas.transform);
+        let whole = Field {
+            rect: canvas.rect,
+            transform: canvas.transform,
+            overlays: self.overlays,
+        };
         self.overlay(&painter, canvas, context, whole, &mut occupancy);
         if self.loupe == Loupe::Open
             && let Some(pointer) = canvas.pointer
@@ -70,14 +84,14 @@ impl ImageView {
         painter: &egui::Painter,
         canvas: &Canvas<'_>,
         context: &ViewContext<'_>,
-        (rect, transform): (Rect, ScreenFromImage),
+        field: Field,
         occupancy: &mut Occupancy,
     ) {
         let easel = Easel {
             painter,
-            rect,
-            transform,
-            overlays: self.overlays,
+            rect: field.rect,
+            transform: field.transform,
+            overlays: field.overlays,
             exaggeration: self.exaggeration,
         };
         let marks = &canvas.marks;
@@ -149,11 +163,17 @@ impl ImageView {
             rect = Rect::from_min_size(canvas.rect.min + margin, vec2(side, side));
         }
         let painter = ui.painter_at(rect);
-        let transform =
-            ScreenFromImage::centred(rect, canvas.transform.pixel(pointer), LOUPE_SCALE);
+        let scale = LOUPE_SCALE.min(f64::from(side) / LOUPE_LEAST_PX);
+        let transform = ScreenFromImage::centred(rect, canvas.transform.pixel(pointer), scale);
         painter.rect_filled(rect, 0.0, SURROUNDINGS);
         self.paint_picture(&painter, canvas, rect, transform, self.view.wrapping_add(1));
-        self.overlay(&painter, canvas, context, (rect, transform), occupancy);
+        let field = Field {
+            rect,
+            transform,
+            // Vectors hundreds of times as long as they are would only cross the pixels.
+            overlays: self.overlays.without(Overlay::Residuals),
+        };
+        self.overlay(&painter, canvas, context, field, occupancy);
         let line = Stroke::new(1.0, Color32::from_white_alpha(120));
         let centre = rect.center();
         painter.line_segment([centre - vec2(6.0, 0.0), centre + vec2(6.0, 0.0)], line);

@@ -5,7 +5,7 @@
 //! Predicted places and epipolar lines come from the image's station and camera ([`prediction`]).
 //!
 //! Keys, while the pointer is over the image: `F` fit, `1` one to one, `Z` loupe, `W` + drag window and level, `0`
-//! automatic contrast, `L` label, `X` reject, `R` restore, `Delete` take the label away, `A` measure, `N` number of
+//! contrast for what is in sight, `L` label, `X` reject, `R` restore, `Delete` take the label away, `A` measure, `N` number of
 //! the selected code.
 
 mod draw;
@@ -90,6 +90,8 @@ pub struct ImageView {
     marks: MarksCache,
     epipolar: EpipolarCache,
     occupancy: Occupancy,
+    /// The part of the picture that was in sight in the last frame.
+    in_sight: Option<PixelRect>,
     /// What the tool in hand says to the operator.
     notice: Option<String>,
     /// A list of labels that another panel asked for.
@@ -149,6 +151,7 @@ impl ImageView {
             marks: MarksCache::default(),
             epipolar: EpipolarCache::default(),
             occupancy: Occupancy::default(),
+            in_sight: None,
             notice: None,
             asked: None,
             status: None,
@@ -239,6 +242,15 @@ impl ImageView {
         self.popups(ui, &canvas, context, actions);
     }
 
+    /// Contrast for what is in sight: the whole picture, or the part that is looked at closely.
+    fn open_greys(&mut self, picture: Option<&GreyImage>) {
+        let part = self.in_sight.filter(|_| self.sight != Sight::Fit);
+        self.window = picture.map(|picture| match part {
+            Some(part) => GreyWindow::of_part(picture, &part),
+            None => GreyWindow::of_picture(picture),
+        });
+    }
+
     fn toggle_measure(&mut self) {
         self.tool = match self.tool {
             Tool::Look => Tool::Measure,
@@ -273,6 +285,7 @@ impl ImageView {
         self.navigate(ui, &response, pixels, picture.as_deref());
         let transform = self.sight.transform(rect, pixels);
         self.drawn = Some(Drawn { rect, transform });
+        self.in_sight = Some(transform.visible(rect));
         let marks = self.marks.get(context.network, self.image);
         let pointer = if response.contains_pointer() {
             response.hover_pos()

@@ -94,6 +94,11 @@ impl Overlays {
         self.0 ^= overlay.bit();
     }
 
+    /// The others of those that are shown.
+    pub(super) fn without(self, overlay: Overlay) -> Self {
+        Self(self.0 & !overlay.bit())
+    }
+
     /// Whether a predicted place is shown.
     pub(super) fn shows_predicted(self, predicted: &Predicted) -> bool {
         self.shows(match predicted.facing {
@@ -404,4 +409,50 @@ pub(super) fn marks_in_sight<'a>(marks: &'a Marks, visible: &PixelRect) -> Vec<&
         .iter()
         .filter(|mark| visible.holds(mark.dot.centre_px, mark.dot.major_px / 2.0))
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn what_is_left_of_a_line_is_outside_the_circle(
+            ends in prop::collection::vec((-100.0..100.0_f32, -100.0..100.0_f32), 2..12),
+            radius in 2.0..60.0_f32,
+        ) {
+            let line: Vec<Pos2> = ends.iter().map(|(x, y)| pos2(*x, *y)).collect();
+            let pieces = outside(line.iter().copied(), Some((Pos2::ZERO, radius)));
+            for pair in pieces.iter().flat_map(|piece| piece.windows(2)) {
+                let (from, along) = (pair[0], pair[1] - pair[0]);
+                let share = -from.to_vec2().dot(along) / along.length_sq().max(1e-9);
+                let nearest = from + share.clamp(0.0, 1.0) * along;
+                // Screen places are f32 of some hundred points.
+                prop_assert!(nearest.to_vec2().length() > radius - 1e-2, "{pair:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_line_through_the_circle_has_two_pieces() {
+        let line = || [pos2(-50.0, 0.0), pos2(50.0, 0.0)].into_iter();
+        let pieces = outside(line(), Some((Pos2::ZERO, 10.0)));
+        let expected = [
+            [pos2(-50.0, 0.0), pos2(-10.0, 0.0)],
+            [pos2(10.0, 0.0), pos2(50.0, 0.0)],
+        ];
+        assert_eq!(pieces, expected);
+        assert_eq!(outside(line(), None).len(), 1);
+        assert_eq!(outside(line(), Some((pos2(0.0, 40.0), 10.0))).len(), 1);
+    }
+
+    #[test]
+    fn hidden_targets_are_not_shown_at_first() {
+        let shown = Overlays::default();
+        let hidden: Vec<Overlay> = (Overlay::ALL.into_iter())
+            .filter(|overlay| !shown.shows(*overlay))
+            .collect();
+        assert_eq!(hidden, [Overlay::Hidden]);
+    }
 }

@@ -14,7 +14,7 @@ use crate::network::{
     Station,
 };
 use crate::project::edit::Edit;
-use crate::synthetic::{BoxSettings, RenderSettings, box_experiment, render};
+use crate::synthetic::{BoxSettings, Experiment, RenderSettings, box_experiment, render};
 use crate::targets::{DetectSettings, Detections, DotIndex, Family, detect};
 use crate::ui::action::RunRequest;
 use crate::ui::pictures::{PictureSettings, PictureStore};
@@ -26,22 +26,26 @@ struct Scene {
     pictures: BTreeMap<ImageId, Arc<GreyImage>>,
 }
 
+fn experiment() -> Experiment {
+    let settings = BoxSettings {
+        seed: 5,
+        plain_targets: 60,
+        codes: 12,
+        width_px: 1024,
+        height_px: 683,
+        pixel_pitch_mm: 0.027,
+        dot_mm: 8.0,
+        pitch_mm: 8.0,
+        ..BoxSettings::default()
+    };
+    box_experiment(&settings).expect("a scene")
+}
+
 /// Three pictures of a small box; every dot that the truth knows is labelled.
 fn scene() -> &'static Scene {
     static SCENE: OnceLock<Scene> = OnceLock::new();
     SCENE.get_or_init(|| {
-        let settings = BoxSettings {
-            seed: 5,
-            plain_targets: 60,
-            codes: 12,
-            width_px: 1024,
-            height_px: 683,
-            pixel_pitch_mm: 0.027,
-            dot_mm: 8.0,
-            pitch_mm: 8.0,
-            ..BoxSettings::default()
-        };
-        let experiment = box_experiment(&settings).expect("a scene");
+        let experiment = experiment();
         let truth = experiment.truth();
         let camera = CameraEntry {
             name: "rendered".into(),
@@ -327,6 +331,66 @@ fn a_missed_target_is_measured_and_named_by_two_keys() {
         "{dot:?} {place}"
     );
     assert_eq!(*named, point);
+}
+
+/// The true normals of the scene's dots tell what the ellipses are to tell.
+#[test]
+fn the_normals_of_ellipses_are_those_of_the_scene() {
+    let network = &scene().network;
+    let directions = Directions::of(network);
+    let experiment = experiment();
+    let truth = experiment.truth();
+    let (mut compared, mut worst) = (0, 0.0_f64);
+    for station in experiment.stations.iter().take(3) {
+        for dot in &truth.images[&station.image] {
+            let Some(point) = point_of(&dot.label) else {
+                continue;
+            };
+            let Some(known) = network.points.get(&point) else {
+                continue;
+            };
+            let towards = station.pose.centre_in_world - known.position;
+            let aspect = directions.aspect(point, &towards);
+            if let Some(angle) = aspect.and_then(|aspect| aspect.incidence_deg) {
+                compared += 1;
+                worst = worst.max((angle - dot.incidence_deg).abs());
+            }
+        }
+    }
+    // Three rays only, dots of some eight pixels.
+    assert!(compared > 50 && worst < 8.0, "{compared} {worst}");
+}
+
+#[test]
+fn a_code_is_named_once() {
+    let marks = MarksCache::default().get(&scene().network, FIRST);
+    let code = marks.codes.first().expect("a code in the first picture");
+    let parts: Vec<&str> = (marks.dots.iter())
+        .filter(|mark| mark.reading == Some(0))
+        .filter_map(|mark| mark.part())
+        .collect();
+    assert_eq!(parts.len(), 6, "{parts:?}");
+    assert!(parts.contains(&"O") && parts.contains(&"1"), "{parts:?}");
+    assert!(code.label.starts_with('C') && !code.label.contains('.'));
+    assert!(code.spacing_px > code.dot_px && code.spacing_px < 20.0 * code.dot_px);
+}
+
+#[test]
+fn where_nothing_is_seen_only_a_click_makes_a_centre() {
+    let (mut network, _, place) = with_a_missed_target();
+    let beside = place + Vector2::new(0.0, 14.0);
+    // No dot, no candidate: a predicted place in the dark.
+    let mut harness = harness(std::mem::take(&mut network));
+    harness.state_mut().view.edit_place(beside);
+    harness.run_steps(3);
+    let popup = harness
+        .query_by_label_contains("Label of the dot")
+        .is_some();
+    let notice = harness
+        .query_by_label_contains("Nothing measurable there")
+        .is_some();
+    assert!(notice && !popup, "{notice} {popup}");
+    assert!(harness.state().view.tool == Tool::Measure && edits(&harness).is_empty());
 }
 
 #[test]

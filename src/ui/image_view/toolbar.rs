@@ -3,7 +3,7 @@
 use egui::{Color32, Sense, Stroke, Ui, vec2};
 
 use super::draw::SURROUNDINGS;
-use super::{DotClass, GreyWindow, ImageView, Loupe, Overlay, Tool, transform::Sight};
+use super::{DotClass, ImageView, Loupe, Overlay, Tool, transform::Sight};
 use crate::imaging::GreyImage;
 use crate::network::{ImageId, Network};
 use crate::ui::action::{Action, Selection};
@@ -44,16 +44,16 @@ impl ImageView {
             }
             let loupe = ui.selectable_label(self.loupe == Loupe::Open, "Loupe");
             if loupe
-                .on_hover_text("16 times round the pointer (Z)")
+                .on_hover_text("The pixels round the pointer, up to 16 times magnified, with the measured ellipses (Z)")
                 .clicked()
             {
                 self.toggle_loupe();
             }
             let contrast = ui.button("Contrast");
             let text =
-                "Automatic contrast (0); W and drag, or drag with the right button, changes it";
+                "Contrast for what is in sight (0); W and drag, or drag with the right button, changes it";
             if contrast.on_hover_text(text).clicked() {
-                self.window = picture.map(GreyWindow::of_picture);
+                self.open_greys(picture);
             }
         });
     }
@@ -66,8 +66,8 @@ impl ImageView {
         ui.scope(|ui| {
             ui.spacing_mut().item_spacing.x = 2.0;
             for (text, hover, image) in [
-                ("◀", "The image before, in this panel", before),
-                ("▶", "The next image, in this panel", after),
+                ("<", "The image before, in this panel", before),
+                (">", "The next image, in this panel", after),
             ] {
                 let button = ui.add_enabled(image.is_some(), egui::Button::new(text));
                 if button.on_hover_text(hover).clicked() {
@@ -75,7 +75,7 @@ impl ImageView {
                 }
             }
         });
-        let list = ui.menu_button("All images", |ui| {
+        let list = ui.menu_button("List", |ui| {
             const HEIGHT: f32 = 360.0;
             let row = ui.spacing().interact_size.y;
             ui.set_min_width(180.0);

@@ -8,7 +8,7 @@ use super::labelling::{Choice, Entered, LabelPopup, NumberPopup, Subject, rank_l
 use super::marks::Marks;
 use super::measuring::{MeasuredByHand, NOTHING_THERE};
 use super::transform::Sight;
-use super::{Canvas, GreyWindow, ImageView, Popup, Tool};
+use super::{Canvas, ImageView, Popup, Tool};
 use crate::network::{ImageId, Network};
 use crate::project::edit::Edit;
 use crate::targets::DotIndex;
@@ -41,6 +41,12 @@ impl ImageView {
         context: &ViewContext<'_>,
         actions: &mut Vec<Action>,
     ) {
+        let escape = |input: &mut egui::InputState| input.consume_key(Modifiers::NONE, Key::Escape);
+        // Wherever the pointer is: a tool that waits for a click would hold the key back from everything else.
+        if self.tool == Tool::Measure && self.popup.is_none() && ui.input_mut(escape) {
+            self.tool = Tool::Look;
+            self.notice = None;
+        }
         let open = canvas.pointer.is_some() || canvas.response.has_focus();
         if !open || self.popup.is_some() || ui.ctx().text_edit_focused() {
             return;
@@ -57,14 +63,10 @@ impl ImageView {
             self.sight = self.sight.zoomed(canvas.rect, size, middle, factor);
         }
         if pressed(Key::Num0) {
-            self.window = canvas.picture.as_deref().map(GreyWindow::of_picture);
+            self.open_greys(canvas.picture.as_deref());
         }
         if pressed(Key::Z) {
             self.toggle_loupe();
-        }
-        if self.tool == Tool::Measure && pressed(Key::Escape) {
-            self.tool = Tool::Look;
-            self.notice = None;
         }
         if pressed(Key::A) {
             self.measure_key(canvas, context);

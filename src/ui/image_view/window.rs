@@ -1,5 +1,6 @@
 //! Window and level: which grey values are shown.
 
+use super::transform::PixelRect;
 use crate::imaging::GreyImage;
 
 /// Grey values shown black and white.
@@ -36,6 +37,38 @@ impl GreyWindow {
         }
     }
 
+    /// The window that opens a part of a picture, faint dots in the dark among it.
+    #[must_use]
+    pub(super) fn of_part(picture: &GreyImage, part: &PixelRect) -> Self {
+        /// So many rows and columns tell it well enough.
+        const SAMPLES_A_SIDE: usize = 160;
+        /// Noise is not to be stretched over the whole range: a thirty-second of it is kept.
+        const LEAST_SHARE: f64 = 1.0 / 32.0;
+        let range = |from: f64, to: f64, count: usize| {
+            let from = from.floor().clamp(0.0, count as f64) as usize;
+            from..(to.ceil().clamp(0.0, count as f64) as usize).max(from)
+        };
+        let columns = range(part.min.x, part.max.x, picture.width());
+        let rows = range(part.min.y, part.max.y, picture.height());
+        let stride = |length: usize| length.div_ceil(SAMPLES_A_SIDE).max(1);
+        let (across, down) = (stride(columns.len()), stride(rows.len()));
+        let mut greys: Vec<u16> = rows
+            .step_by(down)
+            .flat_map(|row| picture.row(row)[columns.clone()].iter().step_by(across))
+            .copied()
+            .collect();
+        greys.sort_unstable();
+        let (Some(lowest), Some(highest)) = (greys.get(greys.len() / 100), greys.last()) else {
+            return Self::of_picture(picture);
+        };
+        let (black, white) = (f64::from(*lowest), f64::from(*highest));
+        let least = f64::from(picture.depth().white()) * LEAST_SHARE;
+        Self {
+            black,
+            white: white.max(black + least),
+        }
+    }
+
     /// Dragged by `drag` points: across changes the width, down the middle.
     #[must_use]
     pub fn dragged(self, drag: egui::Vec2, white: f64) -> Self {
@@ -53,6 +86,27 @@ impl GreyWindow {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_dark_part_is_opened_by_its_own_greys() {
+        let samples = (0..100 * 80)
+            .map(|slot| if slot % 100 < 50 { 20 + slot % 7 } else { 200 })
+            .collect();
+        let depth = crate::imaging::BitDepth::Eight;
+        let picture = GreyImage::new(100, 80, depth, samples).expect("as many samples as pixels");
+        let part = PixelRect {
+            min: nalgebra::Vector2::new(-10.0, 5.0),
+            max: nalgebra::Vector2::new(40.0, 60.0),
+        };
+        let dark = GreyWindow::of_part(&picture, &part);
+        assert_eq!((dark.black, dark.white), (20.0, 20.0 + 255.0 / 32.0));
+        let beside = PixelRect {
+            min: nalgebra::Vector2::new(400.0, 5.0),
+            max: nalgebra::Vector2::new(500.0, 60.0),
+        };
+        let whole = GreyWindow::of_picture(&picture);
+        assert_eq!(GreyWindow::of_part(&picture, &beside), whole);
+    }
 
     #[test]
     fn a_drag_to_the_right_narrows_the_window() {

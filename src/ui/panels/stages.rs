@@ -299,7 +299,14 @@ fn state_of(network: &Network, stage: Stage) -> RichText {
         .get(&stage)
         .filter(|_| network.is_concluded(stage))
         .map(|c| c.outcome);
-    let word = outcome.map_or_else(|| "open".to_owned(), |outcome| outcome.to_string());
+    let word = outcome.map_or_else(
+        || match network.conclusions.contains_key(&stage) {
+            // It was done, and what it worked on has changed since: mostly it finds nothing more to do.
+            true => "to update".to_owned(),
+            false => "open".to_owned(),
+        },
+        |outcome| outcome.to_string(),
+    );
     let text = counted.map_or(word.clone(), |(done, all)| format!("{done}/{all} {word}"));
     match outcome {
         Some(Outcome::Done) => RichText::new(text).color(theme::CODE),

@@ -17,7 +17,7 @@ pub use items::{ReviewItem, ReviewKind, review_items};
 
 use std::sync::Arc;
 
-use egui::{Key, Modifiers, Sense, TextStyle, TextWrapMode, Ui};
+use egui::{Context, Key, Modifiers, Pos2, Sense, TextStyle, TextWrapMode, Ui};
 use egui_extras::{Column, TableBuilder};
 
 use super::stale::{BEFORE_LAST_EDITS, is_stale};
@@ -67,6 +67,10 @@ pub struct Review {
     document: Option<ImageFile>,
     /// The views follow the queue as soon as the operator walks through it.
     following: Following,
+    /// Where the pointer rested at the last decision; while it rests, the keys are the queue's.
+    rested_at: Option<Pos2>,
+    /// A key that was taken before the panels drew.
+    taken: Option<Decision>,
 }
 
 /// Whether the views follow the queue.
@@ -87,6 +91,16 @@ impl Review {
         }
     }
 
+    /// Takes the queue's keys before the panels draw, while the operator walks through it: the views bring what is
+    /// looked at under the resting pointer, and a picture would take the key for its dot. A pointer that moves hands the
+    /// keys back to what is under it.
+    pub fn take_keys(&mut self, context: &Context) {
+        let rests = context.pointer_latest_pos() == self.rested_at;
+        if self.following == Following::Yes && rests && self.taken.is_none() {
+            self.taken = pressed_key(context);
+        }
+    }
+
     /// Draws it; takes the keys Space, X, E, N and Backspace unless a text field has the keyboard.
     pub fn ui(&mut self, ui: &mut Ui, context: &ViewContext<'_>, actions: &mut Vec<Action>) {
         self.forget_other_documents(context);
@@ -103,8 +117,10 @@ impl Review {
         }
         self.place = self.place.min(open.len() - 1);
         self.measured.look(context, &open[self.place]);
-        let decision = pressed_key(ui).or(self.item(ui, context, &open));
+        let key = self.taken.take().or_else(|| pressed_key(ui.ctx()));
+        let decision = key.or(self.item(ui, context, &open));
         if let Some(decision) = decision {
+            self.rested_at = ui.ctx().pointer_latest_pos();
             self.decide(decision, &open, context, actions);
             ui.ctx().request_repaint();
         }
@@ -122,6 +138,7 @@ impl Review {
             self.looked_at = None;
             self.said = None;
             self.following = Following::NotYet;
+            self.taken = None;
         }
     }
 
@@ -208,6 +225,8 @@ impl Review {
                 if let Some(edit) = edit {
                     self.following = Following::Yes;
                     actions.push(Action::Edit(edit));
+                } else {
+                    self.said = Some(self.measured.note());
                 }
                 return;
             }
@@ -320,11 +339,11 @@ impl Review {
     }
 }
 
-fn pressed_key(ui: &Ui) -> Option<Decision> {
-    if ui.ctx().egui_wants_keyboard_input() {
+fn pressed_key(context: &Context) -> Option<Decision> {
+    if context.egui_wants_keyboard_input() {
         return None;
     }
-    ui.input_mut(|input| {
+    context.input_mut(|input| {
         Decision::ALL
             .into_iter()
             .find(|(_, key)| input.consume_key(Modifiers::NONE, *key))

@@ -194,8 +194,8 @@ fn a_predicted_place_is_never_taken_for_a_measurement() {
         .harness
         .get_by_label_contains("M700: nothing measurable there");
     // It still waits: a click in the image may set it.
-    let counted = format!("of {count}");
-    let items = bench.harness.query_all_by_label_contains(&counted);
+    let heading = format!("of {count}");
+    let items = bench.harness.query_all_by_label_contains(&heading);
     assert_eq!(items.count(), 1);
 }
 
