@@ -3,6 +3,7 @@
 //! An edit is checked again when it is applied: while a step runs, edits wait, and what they are about may be gone.
 
 mod known;
+mod settings;
 #[cfg(test)]
 mod tests;
 
@@ -342,7 +343,7 @@ impl Edit {
                 }
                 network.image_mut(*image).usage = *usage;
             }
-            Edit::Settings(settings) => network.settings = Arc::new(settings.as_ref().clone()),
+            Edit::Settings(settings) => settings::set(network, settings),
             Edit::Frame(frame) => {
                 network.frame = *frame;
                 network.conclusions.remove(&Stage::Adjust);

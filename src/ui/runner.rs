@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use super::action::RunRequest;
 use crate::monitor::{Monitor, Progress};
-use crate::network::Stage;
+use crate::network::{FindingKind, Outcome, Stage};
 use crate::project::edit::Edit;
 use crate::project::session::{Computed, Finished, Session};
 use crate::worker::{Panicked, Worker};
@@ -173,9 +173,10 @@ impl Runner {
                     }
                     Ok(Finished::Advanced) => now.request != RunRequest::Step,
                     Ok(Finished::Concluded(outcome)) => {
-                        lines.push(format!("{}: {outcome}", now.stage));
+                        let reason = reason(session, now.stage, outcome);
+                        lines.push(format!("{}: {outcome}{reason}", now.stage));
                         matches!(now.request, RunRequest::Until(last) if now.stage < last)
-                            && outcome != crate::network::Outcome::Failed
+                            && outcome != Outcome::Failed
                     }
                 },
             };
@@ -227,6 +228,15 @@ impl Runner {
             }
         }
     }
+}
+
+/// Why a stage failed, behind a colon; empty where it did not.
+fn reason(session: &Session, stage: Stage, outcome: Outcome) -> String {
+    let failed = outcome == Outcome::Failed;
+    let mut findings = session.network().findings.iter().rev();
+    findings
+        .find(|f| failed && f.stage == stage && f.kind == FindingKind::StageFailed)
+        .map_or_else(String::new, |finding| format!(": {}", finding.text))
 }
 
 #[cfg(test)]

@@ -1,8 +1,9 @@
 //! Edits on the small network of the reports.
 
 use super::*;
-use crate::network::{REJECTED_BY_OPERATOR, Stage};
+use crate::network::{ImageEntry, REJECTED_BY_OPERATOR, Stage};
 use crate::report::fixture::network;
+use crate::targets::Family;
 
 const IMAGE: ImageId = ImageId(1);
 
@@ -236,4 +237,23 @@ fn a_control_point_is_set_changed_and_removed() {
         label: "M999".into(),
     };
     assert_eq!(refused(&gone), "M999 has no known coordinates any more");
+}
+
+#[test]
+fn other_codes_have_all_images_detected_again_and_other_limits_do_not() {
+    let mut settings = network().settings.as_ref().clone();
+    settings.critical_w += 1.0;
+    let limits = after(&[Edit::Settings(Box::new(settings.clone()))]);
+    assert_eq!(limits.images, network().images);
+    assert_eq!(limits.points, network().points);
+
+    settings.families = vec![Family::Ring(14)];
+    let codes = after(&[Edit::Settings(Box::new(settings.clone()))]);
+    let found = |(_, image): (ImageId, &ImageEntry)| image.detections.is_some();
+    assert!(network().used_images().any(found));
+    assert!(!codes.used_images().any(found));
+    assert!(codes.points.is_empty() && codes.findings.is_empty() && codes.adjustment.is_none());
+    assert_eq!(codes.images.len(), network().images.len());
+    assert_eq!(codes.next_target, network().next_target);
+    assert!(Stage::Detect.next(&codes).is_some());
 }

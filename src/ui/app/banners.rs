@@ -1,11 +1,12 @@
 //! What stands above the panels until it is better or the operator has seen it: a fault of this program, a project that
 //! cannot be saved, pictures that are not at their place.
 
-use egui::Ui;
+use egui::{Color32, Response, Ui};
 
 use super::{App, Command};
 use crate::project::session::{Saving, Session};
 use crate::ui::action::Action;
+use crate::ui::panels::mark;
 use crate::ui::theme;
 
 /// What the operator has seen already.
@@ -51,7 +52,7 @@ impl App {
         let text = format!("Not done: {line}");
         egui::Panel::top("refused").show(ui, |ui| {
             ui.horizontal_wrapped(|ui| {
-                ui.colored_label(theme::DOUBTFUL, text);
+                banner_text(ui, theme::DOUBTFUL, text);
                 if ui.button("Dismiss").clicked() {
                     self.seen.refused = None;
                 }
@@ -80,7 +81,7 @@ impl App {
         let all = warnings.join("\n");
         egui::Panel::top("reading only").show(ui, |ui| {
             ui.horizontal_wrapped(|ui| {
-                ui.colored_label(theme::DOUBTFUL, text).on_hover_text(all);
+                banner_text(ui, theme::DOUBTFUL, text).on_hover_text(all);
                 if ui.button(Command::SaveCopy.title()).clicked() {
                     actions.push(Action::Do(Command::SaveCopy));
                 }
@@ -99,7 +100,7 @@ impl App {
         let text = fault.to_string();
         egui::Panel::top("fault").show(ui, |ui| {
             ui.horizontal_wrapped(|ui| {
-                ui.colored_label(theme::REJECTED, text);
+                banner_text(ui, theme::REJECTED, text);
                 if ui.button("Dismiss").clicked() {
                     self.runner.dismiss_fault();
                 }
@@ -123,7 +124,7 @@ impl App {
                     "The project could not be saved: {reason}. What you did stands in this window, and saving is tried \
                      again; a copy in another place makes it safe."
                 );
-                ui.colored_label(theme::REJECTED, text);
+                banner_text(ui, theme::REJECTED, text);
                 if ui.button(Command::SaveCopy.title()).clicked() {
                     actions.push(Action::Do(Command::SaveCopy));
                 }
@@ -147,11 +148,17 @@ impl App {
                 };
                 let paths = self.missing.iter().filter_map(|id| self.network().images.get(id));
                 let paths: Vec<&str> = paths.map(|image| image.file.path.as_str()).take(20).collect();
-                ui.colored_label(theme::DOUBTFUL, text).on_hover_text(paths.join("\n"));
+                banner_text(ui, theme::DOUBTFUL, text).on_hover_text(paths.join("\n"));
                 if ui.button("Find folder ...").clicked() {
                     actions.push(Action::Do(Command::FindPictures));
                 }
             });
         });
     }
+}
+
+/// The text of a banner: colour on the sign before it, so that the text stays legible in both themes.
+fn banner_text(ui: &mut Ui, colour: Color32, text: String) -> Response {
+    mark(ui, Some(colour));
+    ui.label(text)
 }

@@ -162,7 +162,8 @@ impl NewForm {
             ui.label("Codes");
             for family in Family::ALL {
                 let mut sought = self.families.contains(&family);
-                if ui.checkbox(&mut sought, family.to_string()).changed() {
+                let checkbox = ui.checkbox(&mut sought, family.to_string());
+                if checkbox.on_hover_text(look_of(family)).changed() {
                     self.families.retain(|other| *other != family);
                     if sought {
                         self.families.push(family);
@@ -186,11 +187,24 @@ impl NewForm {
     }
 }
 
+/// How to know the codes of a family.
+fn look_of(family: Family) -> String {
+    match family {
+        Family::Dot420 => {
+            "Six bright dots: three of an L-shaped axis and three that tell the number".into()
+        }
+        Family::Ring(segments) => format!(
+            "A bright dot in a ring of {segments} segments, bright or dark; usual name: {segments} bit"
+        ),
+    }
+}
+
 fn field(ui: &mut Ui, name: &str, text: &mut String) {
     let label = ui.label(name);
     ui.add(
         TextEdit::singleline(text)
             .desired_width(FIELD)
+            .hint_text("none")
             // A cell of a grid is narrower at first, and a path is read to its end.
             .min_size(vec2(FIELD, 0.0)),
     )

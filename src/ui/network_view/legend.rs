@@ -24,6 +24,9 @@ const ROW: f32 = 17.0;
 const WIDTH: f32 = 190.0;
 const SYMBOL: f32 = 22.0;
 
+/// A plate behind the legend that were wider than this part of the canvas would hide the network.
+const MOST_OF_CANVAS: f32 = 0.5;
+
 /// What stands before the text.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Symbol {
@@ -144,7 +147,10 @@ pub(super) fn draw(
         return;
     }
     let painter = ui.painter_at(canvas);
-    painter.rect_filled(rect, 4.0, scene.palette.canvas.gamma_multiply(0.85));
+    // On a small canvas the network is seen through the legend.
+    if rect.width() < MOST_OF_CANVAS * canvas.width() {
+        painter.rect_filled(rect, 4.0, scene.palette.canvas.gamma_multiply(0.85));
+    }
     let mut top = rect.min + Vec2::new(6.0, 4.0);
     for (place, row) in rows.iter().enumerate() {
         if row.symbol == Symbol::Gradient {

@@ -234,7 +234,7 @@ const ARBITRARY_SCALE: &str = "The scale is arbitrary: mm are no true millimetre
 const MARK: f32 = 9.0;
 
 /// A coloured mark before a text: colour on the mark, so that the text stays legible in both themes.
-pub(super) fn mark(ui: &mut Ui, colour: Option<Color32>) {
+pub(in crate::ui) fn mark(ui: &mut Ui, colour: Option<Color32>) {
     let (rect, _) = ui.allocate_exact_size(vec2(MARK, MARK), Sense::empty());
     if let Some(colour) = colour {
         ui.painter()

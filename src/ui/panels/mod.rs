@@ -20,3 +20,5 @@ pub mod tables;
 
 #[cfg(test)]
 mod fixture;
+
+pub(in crate::ui) use facts::mark;

@@ -1,7 +1,8 @@
 //! The stage panel: six stages, what each needs, its settings with units and reasons; step, run, interrupt, progress.
 
-use egui::{Button, CollapsingHeader, DragValue, ProgressBar, RichText, ScrollArea, Ui};
+use egui::{Align, Button, CollapsingHeader, DragValue, ProgressBar, RichText, ScrollArea, Ui};
 
+use super::facts::mark;
 use crate::network::{MeasurementSettings, Network, Outcome, Stage};
 use crate::project::edit::Edit;
 use crate::targets::Family;
@@ -45,8 +46,12 @@ impl StagesPanel {
                 stage_row(ui, context.network, stage, runner, actions);
             }
             ui.separator();
-            CollapsingHeader::new("Settings")
+            let settings = CollapsingHeader::new("Settings")
                 .show(ui, |ui| self.settings(ui, context.network, actions));
+            if settings.header_response.clicked() {
+                // The panel is low: what was opened comes into sight.
+                settings.header_response.scroll_to_me(Some(Align::TOP));
+            }
         });
     }
 
@@ -178,9 +183,9 @@ fn stage_row(
     let now = runner
         .progress()
         .is_some_and(|(running, ..)| running == stage);
-    let mark = if now { ">" } else { " " };
+    let arrow = if now { ">" } else { " " };
     ui.horizontal(|ui| {
-        ui.monospace(mark);
+        ui.monospace(arrow);
         let label = ui.add_enabled(!runner.is_running(), Button::new(title(stage)).frame(false));
         let needs = stage
             .missing(network)
@@ -191,13 +196,53 @@ fn stage_row(
         {
             actions.push(Action::Run(RunRequest::Until(stage)));
         }
-        ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
+        ui.with_layout(egui::Layout::right_to_left(Align::Center), |ui| {
             ui.label(state_of(network, stage));
         });
     });
-    if let (false, Some(missing)) = (network.is_concluded(stage), stage.missing(network)) {
+    if stage == Stage::Detect
+        && network.is_concluded(stage)
+        && let Some(hint) = no_codes(network)
+    {
+        ui.indent(title(stage), |ui| {
+            ui.horizontal_wrapped(|ui| {
+                mark(ui, Some(theme::DOUBTFUL));
+                ui.label(hint);
+            });
+        });
+    }
+    // Later stages miss what this one gives: once is enough.
+    let mut missing = Stage::ALL
+        .into_iter()
+        .filter(|stage| !network.is_concluded(*stage))
+        .filter_map(|stage| Some((stage, stage.missing(network)?)));
+    if let Some((first, missing)) = missing.next()
+        && first == stage
+    {
         ui.indent(title(stage), |ui| ui.weak(missing.to_string()));
     }
+}
+
+/// What to do where no image shows a code: mostly others were looked for.
+fn no_codes(network: &Network) -> Option<String> {
+    let mut detections = network
+        .used_images()
+        .filter_map(|(_, image)| image.detections.as_ref())
+        .peekable();
+    detections.peek()?;
+    if detections.any(|detections| !detections.codes.is_empty()) {
+        return None;
+    }
+    let families: Vec<String> = network
+        .settings
+        .families
+        .iter()
+        .map(Family::to_string)
+        .collect();
+    Some(format!(
+        "No code ({}) is read in any image: choose the codes of your targets in the settings below.",
+        families.join(", ")
+    ))
 }
 
 /// The stage's name as the operator reads it.
