@@ -78,14 +78,18 @@ fn keys_for(inputs: &Inputs, missing: Missing, what: &str) -> Vec<Row> {
         }
     };
     look(&mut desk);
-    while left(desk.app()) > 0 && presses < MOST_PRESSES {
+    let (mut open, mut last_gain) = (left(desk.app()), presses);
+    while open > 0 && presses < MOST_PRESSES {
         desk.harness.key_press(Key::Space);
         presses += 1;
         look(&mut desk);
+        let now = left(desk.app());
+        if now < open {
+            (open, last_gain) = (now, presses);
+        }
     }
-    let left = left(desk.app());
     let found = format!(
-        "{presses} keys, no click, no dialog; {left} of {} left",
+        "{last_gain} keys, no click, no dialog; {open} of {} left after {presses}",
         taken.len()
     );
     vec![

@@ -1,8 +1,8 @@
 //! The application: the document, what runs, what is selected, and the one place that applies actions.
 //!
 //! A frame goes in three parts: what workers finished is taken over, the panels draw and ask, the actions are applied
-//! ([`apply`]). Opening, making and copying projects is slow and goes through the [`loader`]; every command has one
-//! entry in the [`catalogue`], from which menu, keys, palette and the list of keys are made.
+//! (`apply`). Opening, making and copying projects is slow and goes through the `loader`; every command has one
+//! entry in the `catalogue`, from which menu, keys, palette and the list of keys are made.
 
 mod apply;
 mod banners;

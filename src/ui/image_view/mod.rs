@@ -1,8 +1,8 @@
 //! One image: its grey picture with everything that is known of it, and the tools to mend it by hand.
 //!
-//! The picture is drawn by the graphics card from tiles with mip levels ([`tiles`]), window and level in the shader. All
-//! that is drawn over it goes through one transform ([`transform`]) and is gathered once per document ([`marks`]).
-//! Predicted places and epipolar lines come from the image's station and camera ([`prediction`]).
+//! The picture is drawn by the graphics card from tiles with mip levels (`tiles`), window and level in the shader. All
+//! that is drawn over it goes through one transform (`transform`) and is gathered once per document (`marks`).
+//! Predicted places and epipolar lines come from the image's station and camera (`prediction`).
 //!
 //! Keys, while the pointer is over the image: `F` fit, `1` one to one, `Z` loupe, `W` + drag window and level, `0`
 //! contrast for what is in sight, `L` label, `X` reject, `R` restore, `Delete` take the label away, `A` measure, `N` number of
