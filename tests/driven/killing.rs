@@ -139,6 +139,13 @@ pub(crate) fn kill_in_edits(screen: &Screen, kills: usize, seed: u64) -> Killed 
     for _ in 0..kills {
         let before = journal(&folder).len() as u64;
         let mut window = screen.open(folder.path(), PROJECT);
+        // A step that was begun at the last kill may have left the plain targets to be identified anew.
+        if !window.title().contains("adjust done") {
+            window.press(&["ctrl+F5"]);
+            window.wait("the targets", |window| {
+                window.title().contains("adjust done")
+            });
+        }
         window.point_at(PANEL[0], PANEL[1]);
         let edits = random.random_range(1..6);
         for _ in 0..edits {
