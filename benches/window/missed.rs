@@ -112,9 +112,11 @@ fn take_away(
         let labels = &network.images[&id].labels;
         let plain =
             |label: &Label| matches!(label.point, PointId::Target(_)) && label.rejected.is_none();
+        // Each another target: one that is taken out of many images is no longer known from many sides.
+        let is_new = |label: &Label| taken.iter().all(|(_, point)| *point != label.point);
         let found = labels
             .iter()
-            .find(|(_, label)| plain(label))
+            .find(|(_, label)| plain(label) && is_new(label))
             .map(|(dot, label)| (*dot, label.point));
         if let Some((dot, point)) = found.filter(|_| taken.len() < MISSED) {
             match missing {

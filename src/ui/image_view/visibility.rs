@@ -7,7 +7,7 @@
 //! be known of the object's faces.
 //!
 //! A target should be seen by a camera that is not farther from its normal than dots of this network are measured at,
-//! and near enough to a ray that saw it: what hides it from afar is not known.
+//! and near enough to a ray that saw it, unless it is seen squarely: what hides it from afar is not known.
 
 use std::collections::BTreeMap;
 
@@ -22,6 +22,10 @@ const MOST_LABELS: usize = 300_000;
 
 /// A camera farther than this from all rays that saw a target may see something before it, degrees.
 const NEAR_A_RAY_DEG: f64 = 30.0;
+
+/// A target seen as squarely as this, degrees from its normal, is asked for from wherever: what would hide it must stand
+/// in front of its face.
+const SQUARELY_DEG: f64 = 45.0;
 
 /// Retro-reflecting targets send light back up to this angle from their normal at least, degrees.
 const LEAST_LIMIT_DEG: f64 = 60.0;
@@ -128,7 +132,8 @@ impl Directions {
         let nearest_deg = degrees(cosines.fold(-1.0, f64::max));
         let incidence_deg = seen.normal.map(|normal| degrees(normal.dot(&towards)));
         let turned = incidence_deg.is_none_or(|angle| angle <= self.limit_deg);
-        let facing = if turned && nearest_deg <= NEAR_A_RAY_DEG {
+        let squarely = incidence_deg.is_some_and(|angle| angle <= SQUARELY_DEG);
+        let facing = if squarely || turned && nearest_deg <= NEAR_A_RAY_DEG {
             Facing::Towards
         } else {
             Facing::Unknown

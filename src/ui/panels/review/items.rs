@@ -307,8 +307,9 @@ impl View<'_> {
     }
 
     fn missed_target(&self, missed: &Predicted, refused: Option<&str>) -> ReviewItem {
-        /// Comes before what merely faces the camera: no angle is larger, degrees.
-        const SEEN_BY_DETECTION: f64 = 180.0;
+        /// Where detection saw something that it refused, a target is as likely as so many degrees nearer to its normal:
+        /// most refusals are of faint light, seen flatly.
+        const SEEN_BY_DETECTION: f64 = 15.0;
         let label = self.network.label(missed.point);
         let rays = self
             .network
