@@ -263,10 +263,11 @@ mod tests {
         assert_eq!(facing(60.0), Some(Facing::Towards));
         assert_eq!(facing(70.0), Some(Facing::Unknown), "too oblique");
         assert_eq!(
-            facing(-45.0),
+            facing(-55.0),
             Some(Facing::Unknown),
             "never seen from there"
         );
+        assert_eq!(facing(-44.0), Some(Facing::Towards), "seen squarely");
         assert!(directions.aspect(PointId::Target(2), &at(0.0)).is_none());
         let without = seen(None, &[at(0.0)]);
         let aspect = without.aspect(PointId::Target(1), &at(20.0)).unwrap();
