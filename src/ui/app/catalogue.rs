@@ -63,6 +63,20 @@ pub enum Command {
     Keys,
 }
 
+/// Where a command stands in the bar above.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Menu {
+    File,
+    /// Its entries name what they would take back.
+    Edit,
+    View,
+    /// The lower part of the view menu.
+    Panels,
+    Help,
+    /// In the bar itself: what runs stages.
+    Bar,
+}
+
 impl Command {
     /// All commands, in the order of the menus.
     pub const ALL: [Command; 38] = [
@@ -105,6 +119,39 @@ impl Command {
         Command::Palette,
         Command::Keys,
     ];
+
+    /// The commands of a menu, in their order.
+    pub(super) fn of_menu(menu: Menu) -> impl Iterator<Item = Command> {
+        let all = Self::ALL.into_iter();
+        all.filter(move |command| command.menu() == menu)
+    }
+
+    fn menu(self) -> Menu {
+        match self {
+            Command::New
+            | Command::Open
+            | Command::Demo
+            | Command::SaveCopy
+            | Command::FindPictures
+            | Command::Close
+            | Command::Quit => Menu::File,
+            Command::Undo | Command::Redo => Menu::Edit,
+            Command::Step | Command::RunStage | Command::RunAll | Command::Interrupt => Menu::Bar,
+            Command::Show(_) => Menu::Panels,
+            Command::Palette | Command::Keys => Menu::Help,
+            Command::NextImage
+            | Command::PreviousImage
+            | Command::GoToSelection
+            | Command::ImagePanels(_)
+            | Command::FirstLayout
+            | Command::FitNetwork
+            | Command::Dark
+            | Command::Light
+            | Command::Larger
+            | Command::Smaller
+            | Command::UsualSize => Menu::View,
+        }
+    }
 
     /// Its name.
     #[must_use]

@@ -3,64 +3,18 @@
 
 use egui::{Button, KeyboardShortcut, Ui};
 
+use super::catalogue::Menu;
 use super::{App, Command};
 use crate::project::session::{Saving, Session};
 use crate::ui::action::Action;
 use crate::ui::image_view::ImageView;
-use crate::ui::layout::Pane;
 use crate::ui::theme;
-
-const FILE: [Command; 7] = [
-    Command::New,
-    Command::Open,
-    Command::Demo,
-    Command::SaveCopy,
-    Command::FindPictures,
-    Command::Close,
-    Command::Quit,
-];
-
-const VIEW: [Command; 12] = [
-    Command::NextImage,
-    Command::PreviousImage,
-    Command::GoToSelection,
-    Command::ImagePanels(1),
-    Command::ImagePanels(2),
-    Command::ImagePanels(4),
-    Command::FirstLayout,
-    Command::FitNetwork,
-    Command::Dark,
-    Command::Light,
-    Command::Larger,
-    Command::Smaller,
-];
-
-const PANES: [Pane; 10] = [
-    Pane::Stages,
-    Pane::Images,
-    Pane::Network,
-    Pane::Inspector,
-    Pane::Frame,
-    Pane::Findings,
-    Pane::Review,
-    Pane::Tables,
-    Pane::Plots,
-    Pane::Journal,
-];
-
-/// The commands that run stages, in the bar itself.
-const RUN: [Command; 4] = [
-    Command::Step,
-    Command::RunStage,
-    Command::RunAll,
-    Command::Interrupt,
-];
 
 impl App {
     pub(super) fn menu(&mut self, ui: &mut Ui, actions: &mut Vec<Action>) {
         egui::MenuBar::new().ui(ui, |ui| {
             ui.menu_button("File", |ui| {
-                for command in FILE {
+                for command in Command::of_menu(Menu::File) {
                     self.item(ui, command, actions);
                 }
             });
@@ -76,20 +30,21 @@ impl App {
                 self.item_named(ui, Command::Redo, &title("Redo", redo), actions);
             });
             ui.menu_button("View", |ui| {
-                for command in VIEW {
+                for command in Command::of_menu(Menu::View) {
                     self.item(ui, command, actions);
                 }
                 ui.separator();
-                for pane in PANES {
-                    self.item(ui, Command::Show(pane), actions);
+                for command in Command::of_menu(Menu::Panels) {
+                    self.item(ui, command, actions);
                 }
             });
             ui.menu_button("Help", |ui| {
-                self.item(ui, Command::Keys, actions);
-                self.item(ui, Command::Palette, actions);
+                for command in Command::of_menu(Menu::Help) {
+                    self.item(ui, command, actions);
+                }
             });
             ui.separator();
-            for command in RUN {
+            for command in Command::of_menu(Menu::Bar) {
                 let button = ui.add_enabled(self.can(command), Button::new(command.title()));
                 let hint = command
                     .shortcut()

@@ -19,6 +19,15 @@ struct Basis {
     adjustment: Option<Arc<AdjustmentResult>>,
 }
 
+/// Whether both are the same value, not only equal ones.
+pub(super) fn is_same<T>(a: &Option<Arc<T>>, b: &Option<Arc<T>>) -> bool {
+    match (a, b) {
+        (Some(a), Some(b)) => Arc::ptr_eq(a, b),
+        (None, None) => true,
+        _ => false,
+    }
+}
+
 impl Basis {
     fn of(network: &Network) -> Self {
         Self {
@@ -33,12 +42,7 @@ impl Basis {
     }
 
     fn holds(&self, network: &Network) -> bool {
-        let adjustment = match (&self.adjustment, &network.adjustment) {
-            (Some(a), Some(b)) => Arc::ptr_eq(a, b),
-            (None, None) => true,
-            _ => false,
-        };
-        adjustment
+        is_same(&self.adjustment, &network.adjustment)
             && Arc::ptr_eq(&self.settings, &network.settings)
             && Arc::ptr_eq(&self.cameras, &network.cameras)
             && Arc::ptr_eq(&self.images, &network.images)

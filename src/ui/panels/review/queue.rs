@@ -9,6 +9,7 @@ use crate::network::{
     AdjustmentResult, CameraEntry, CameraId, ImageEntry, ImageId, Network, Point, PointId,
 };
 use crate::ui::image_view::Directions;
+use crate::ui::panels::basis::is_same;
 
 /// Points predicted in one frame, about two milliseconds of one core.
 const PREDICTIONS_A_FRAME: usize = 20_000;
@@ -105,12 +106,7 @@ impl Common {
     }
 
     fn holds(&self, network: &Network) -> bool {
-        let adjustment = match (&self.adjustment, &network.adjustment) {
-            (Some(a), Some(b)) => Arc::ptr_eq(a, b),
-            (None, None) => true,
-            _ => false,
-        };
-        adjustment
+        is_same(&self.adjustment, &network.adjustment)
             && Arc::ptr_eq(&self.cameras, &network.cameras)
             && Arc::ptr_eq(&self.points, &network.points)
     }
