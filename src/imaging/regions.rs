@@ -8,6 +8,8 @@
 //!
 //! Cost: one reading of the pixels, and a running minimum over the tiles; independent of the number of targets.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::GreyImage;
@@ -93,7 +95,13 @@ impl Tiles {
     pub fn regions(&self, rise: f64, reach_px: f64) -> Vec<Region> {
         let reach = (reach_px / TILE as f64).ceil() as usize + 1;
         let ground = self.least_mean_within(reach);
-        let rises = |slot: usize| f64::from(self.brightest[slot]) > f64::from(ground[slot]) + rise;
+        let rises = |slot: usize| {
+            let [brightest, mean, ground] =
+                [self.brightest[slot], self.mean[slot], ground[slot]].map(f64::from);
+            // Something stands out in the tile, or covers much of it; a ground that rises slowly does neither.
+            let stands = brightest > mean + rise || mean > ground + 0.5 * rise;
+            brightest > ground + rise && stands
+        };
         let mut spans: Vec<Span> = Vec::new();
         for row in 0..self.mean.len() / self.across.max(1) {
             let mut open: Option<usize> = None;
@@ -185,30 +193,44 @@ impl Tiles {
 }
 
 /// Brightest grey values and means of the tiles in some rows of the picture.
-fn tile_row(image: &GreyImage, rows: std::ops::Range<usize>) -> (Vec<u16>, Vec<u16>) {
-    let width = image.width();
-    let mut brightest = vec![0_u16; width];
-    let mut sums = vec![0_u32; width];
+fn tile_row(image: &GreyImage, rows: Range<usize>) -> (Vec<u16>, Vec<u16>) {
+    let whole = image.width() / TILE;
+    let rest = image.width() % TILE;
+    let tiles = (0..whole).map(|tile| {
+        let row = |row| image.row(row)[tile * TILE..].first_chunk();
+        tile_of(rows.clone().filter_map(row))
+    });
+    // What is left at the right border is filled up with its last column.
+    let last = (rest > 0).then(|| {
+        let row = |row| {
+            let samples = &image.row(row)[whole * TILE..];
+            std::array::from_fn(|column| samples[column.min(rest - 1)])
+        };
+        let filled: Vec<[u16; TILE]> = rows.clone().map(row).collect();
+        tile_of(filled.iter())
+    });
+    tiles.chain(last).unzip()
+}
+
+/// Brightest grey value and mean of a tile's rows.
+fn tile_of<'a>(rows: impl Iterator<Item = &'a [u16; TILE]>) -> (u16, u16) {
+    let mut brightest = [0_u16; TILE];
+    let mut sums = [0_u32; TILE];
     let mut summed = 0;
-    for row in rows {
-        let samples = image.row(row);
-        for (known, &grey) in brightest.iter_mut().zip(samples) {
+    for (place, row) in rows.enumerate() {
+        for (known, &grey) in brightest.iter_mut().zip(row) {
             *known = (*known).max(grey);
         }
-        if row % (TILE / MEAN_ROWS) == 0 {
-            summed += 1;
-            for (sum, &grey) in sums.iter_mut().zip(samples) {
+        if place % (TILE / MEAN_ROWS) == 0 {
+            summed += TILE as u32;
+            for (sum, &grey) in sums.iter_mut().zip(row) {
                 *sum += u32::from(grey);
             }
         }
     }
-    let most = brightest
-        .chunks(TILE)
-        .map(|tile| tile.iter().copied().max().unwrap_or(0));
-    let mean = sums
-        .chunks(TILE)
-        .map(|tile| (tile.iter().sum::<u32>() / (tile.len() as u32 * summed)) as u16);
-    (most.collect(), mean.collect())
+    let sum: u32 = sums.iter().sum();
+    let brightest = brightest.into_iter().max().unwrap_or(0);
+    (brightest, (sum / summed.max(1)) as u16)
 }
 
 fn root(links: &mut [usize], mut slot: usize) -> usize {

@@ -5,6 +5,7 @@ use std::cmp::Ordering;
 use nalgebra::Vector2;
 use rayon::prelude::*;
 
+use super::columns::Columns;
 use super::dot::{DotSettings, MeasuredDot, Standing, View, measure_dot};
 use super::finding::{Candidate, CandidateSettings, Ground, Strength, candidates, settled};
 use super::ring::{RingOutcome, read_ring};
@@ -140,9 +141,9 @@ fn find_dots(
     let measured: Vec<_> = found
         .places
         .into_par_iter()
-        .map(|place| {
+        .map_init(Columns::default, |pixels, place| {
             monitor.check()?;
-            Ok((place, measure_dot(view, &place, &settings.dots)))
+            Ok((place, measure_dot(view, &place, &settings.dots, pixels)))
         })
         .collect::<Result<_, Interrupted>>()?;
     let mut dots = Vec::new();
