@@ -238,12 +238,13 @@ impl Coefficients {
     fn sample(&self, x: f32x4, y: f32x4) -> At {
         let p = &self.p;
         let (half, two) = (f32x4::HALF, f32x4::splat(2.0));
-        // Keep the centre itself, where all terms vanish, from dividing by nothing: it comes out far inside.
-        let (tiny, tiniest) = (f32x4::splat(1e-12), f32x4::splat(1e-20));
         let (dx, dy) = (x - p[0], y - p[1]);
+        // The centre itself has no direction and would divide by nothing: any place beside it says the same.
+        let centre = (dx * dx + dy * dy).simd_lt(f32x4::splat(1e-8));
+        let dx = centre.bitselect(f32x4::splat(1e-3), dx);
         let (gx, gy) = (p[2] * dx + p[3] * dy, p[3] * dx + p[4] * dy);
-        let square = dx * gx + dy * gy + tiny;
-        let gradient_square = gx * gx + gy * gy + tiniest;
+        let square = dx * gx + dy * gy;
+        let gradient_square = gx * gx + gy * gy;
         let level = square.sqrt();
         let per_gradient = f32x4::ONE / gradient_square.sqrt();
         let per_square = per_gradient * per_gradient;
@@ -395,6 +396,7 @@ mod tests {
             [-4.0, -4.0],
             [0.8, -0.3],
             [0.5, 3.6],
+            [0.301, -0.2],
             [0.3, -0.2],
         ];
         for place in places {
@@ -403,7 +405,9 @@ mod tests {
         columns.evaluate(&profile, None);
         let of = |column: &[f32x4], slot: usize| f64::from(cast_slice::<_, f32>(column)[slot]);
         for slot in 0..places.len() {
-            let place = columns.place(slot);
+            // What the columns say of the centre they say of the place beside it.
+            let beside = if slot == 5 { 4 } else { slot };
+            let place = columns.place(beside);
             let curvature = curvature(&profile, place);
             let expected = value(&profile, place, curvature);
             let found = of(&columns.value, slot);
@@ -422,10 +426,10 @@ mod tests {
                 };
                 let expected = (at(1.0) - at(-1.0)) / (2.0 * step);
                 let found = of(&columns.by[parameter], slot);
-                // The centre itself has no direction.
-                let centre = slot == 4 && parameter < 5;
+                // A thousandth of a pixel from the centre, digits are lost in differences.
+                let tolerance = if slot < 4 { 3e-4 } else { 3e-3 };
                 assert!(
-                    centre || (found - expected).abs() < 3e-4 * (1.0 + expected.abs()),
+                    (found - expected).abs() < tolerance * (1.0 + expected.abs()),
                     "{slot} {parameter}: {found} {expected}"
                 );
             }
