@@ -21,7 +21,7 @@ use crate::project::session::Session;
 use crate::project::storage::StorageError;
 use crate::report::WriteError;
 
-pub use codes::codes;
+pub use codes::{SheetRequest, codes, codes_sheet};
 pub use demo::{DemoCross, DemoRequest, PreparedDemo, demo, prepare_demo};
 pub use detect::{DetectRequest, detect};
 pub use export::{ExportRequest, compare, export};

@@ -14,6 +14,8 @@ mod export;
 mod file;
 #[cfg(test)]
 pub(crate) mod fixture;
+mod sheet_pdf;
+mod sheet_svg;
 mod summary;
 mod truth_check;
 
@@ -28,5 +30,7 @@ pub use csv_text::csv_text;
 pub use detect::{DetectReport, detect_line};
 pub use export::{NoFigures, export_cameras, export_observations, export_points, export_stations};
 pub use file::{WriteError, write_file};
+pub use sheet_pdf::sheet_pdf;
+pub use sheet_svg::sheet_svg;
 pub use summary::{FindingReport, RunSummary, StageRun};
 pub use truth_check::{TruthCheck, check_against_truth};

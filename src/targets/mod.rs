@@ -25,6 +25,7 @@ mod profile;
 #[cfg(test)]
 mod rendering;
 mod ring;
+pub mod sheet;
 mod window;
 
 pub use detect::{DetectSettings, detect, detect_unless_interrupted};
