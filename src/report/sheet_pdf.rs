@@ -1,5 +1,7 @@
 //! Sheets of targets as PDF: vectors, true to size.
 
+use std::f64::consts::{FRAC_PI_2, TAU};
+
 use nalgebra::Vector2;
 use pdf_writer::types::LineCapStyle;
 use pdf_writer::{Content, Finish, Name, Pdf, Rect, Ref, Str, TextStr};
@@ -60,7 +62,9 @@ fn content(page: &Page) -> Vec<u8> {
 }
 
 fn draw(content: &mut Content, shape: &Shape) {
-    const TURN: f64 = std::f64::consts::TAU;
+    /// Where the curves of a circle meet: off its topmost, lowest and outermost places, at which some rasterisers
+    /// draw a joint of two curves too far out.
+    const JOINTS: [f64; 2] = [0.125 * TAU, 1.125 * TAU];
     match shape {
         Shape::Rectangle { corner, size, tone } => {
             fill_with(content, *tone);
@@ -73,9 +77,9 @@ fn draw(content: &mut Content, shape: &Shape) {
             tone,
         } => {
             fill_with(content, *tone);
-            let start = on_circle(*centre, *radius, 0.0);
+            let start = on_circle(*centre, *radius, JOINTS[0]);
             content.move_to(mm(start.x), mm(start.y));
-            arc(content, *centre, *radius, [0.0, TURN]);
+            arc(content, *centre, *radius, JOINTS);
             content.close_path().fill_nonzero();
         }
         Shape::RingSector {
@@ -121,9 +125,7 @@ fn draw(content: &mut Content, shape: &Shape) {
 /// An arc from the current point as cubic curves of at most a quarter turn, each of which leaves the circle by at most
 /// 0.03 % of the radius (less than a micrometre on a dot of 5 mm): control points at 4/3 tan(angle/4) radii along the tangents.
 fn arc(content: &mut Content, centre: Vector2<f64>, radius: f64, [begin, end]: [f64; 2]) {
-    let parts = ((end - begin).abs() / std::f64::consts::FRAC_PI_2 - 1e-9)
-        .ceil()
-        .max(1.0);
+    let parts = ((end - begin).abs() / FRAC_PI_2 - 1e-9).ceil().max(1.0);
     let step = (end - begin) / parts;
     let reach = 4.0 / 3.0 * (0.25 * step).tan() * radius;
     let along = |direction: f64| Vector2::new(direction.cos(), direction.sin()) * reach;
