@@ -131,6 +131,9 @@ struct DetectArguments {
     /// Code families: dot420, ring12, ring14, ring20.
     #[arg(long, value_delimiter = ',', default_value = "dot420")]
     codes: Vec<Family>,
+    /// Folder for a picture of each image with what was found and what was refused, and why.
+    #[arg(long)]
+    overlay: Option<PathBuf>,
     /// Print all targets as JSON.
     #[arg(long)]
     json: bool,
@@ -323,6 +326,7 @@ fn run(command: Command, monitor: &Monitor) -> Result<(), CommandError> {
                 images: detect.images,
                 camera: detect.camera,
                 families: detect.codes,
+                overlay: detect.overlay,
             },
             commands::Form::of_json(detect.json),
             monitor,

@@ -6,6 +6,7 @@ mod codes;
 mod demo;
 mod detect;
 mod export;
+mod overlays;
 mod project;
 mod run;
 mod terminal;
