@@ -5,7 +5,9 @@
 
 use image::{Rgb, RgbImage};
 use nalgebra::Vector2;
-use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_width};
+use noto_sans_mono_bitmap::{
+    FontWeight, RasterHeight, RasterizedChar, get_raster, get_raster_width,
+};
 
 /// A colour.
 pub(super) type Colour = [u8; 3];
@@ -198,7 +200,7 @@ impl Canvas {
                 // What the font lacks is shown as a question mark.
                 let glyph = get_raster(letter, WEIGHT, letters.raster())
                     .or_else(|| get_raster('?', WEIGHT, letters.raster()));
-                for (y, greys) in glyph.iter().flat_map(|glyph| glyph.rows()).enumerate() {
+                for (y, greys) in glyph.iter().flat_map(RasterizedChar::rows).enumerate() {
                     for (x, &grey) in greys.iter().enumerate().filter(|(_, grey)| **grey > 0) {
                         let left = corner[0] + column * letters.advance() + x * grain;
                         let top = corner[1] + row * letters.height() + y * grain;

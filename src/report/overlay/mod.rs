@@ -211,20 +211,25 @@ fn write_label(
         None => vec![label],
         Some(_) => vec![format!("{label}?")],
     };
-    // A label is written in any case: it is what the picture is looked at for.
-    let size = style.labels.size(&label);
-    let corner = room
-        .beside(first.centre_px, around, size)
-        .unwrap_or_else(|| {
-            let corner = first.centre_px + Vector2::new(around, -0.5 * size[1] as f64);
-            [corner.x as usize, corner.y as usize]
-        });
-    canvas.shade(corner, size);
-    canvas.text(corner, &label, style.labels, colour);
+    let found = [style.labels, style.notes].into_iter().find_map(|letters| {
+        let size = letters.size(&label);
+        let corner = room.beside(first.centre_px, around, size)?;
+        Some((letters, corner))
+    });
+    // A label is written in any case: it is what the picture is looked at for. Further away it would seem another's.
+    let (letters, corner) = found.unwrap_or_else(|| {
+        let down = -0.5 * style.notes.height() as f64;
+        let corner = first.centre_px + Vector2::new(around, down);
+        (style.notes, [corner.x as usize, corner.y as usize])
+    });
+    canvas.shade(corner, letters.size(&label));
+    canvas.text(corner, &label, letters, colour);
     if let Some(doubt) = &code.doubt {
         let lines = wrapped(doubt, LETTERS_A_LINE);
-        if let Some(corner) = room.beside(first.centre_px, around, style.notes.size(&lines)) {
+        let size = style.notes.size(&lines);
+        if let Some(corner) = room.near(first.centre_px, around, size) {
             canvas.text(corner, &lines, style.notes, colour);
+            lead(canvas, first.centre_px, around, corner, size, colour);
         }
     }
     if code.family == Family::Dot420 {
@@ -235,6 +240,26 @@ fn write_label(
                 canvas.text(corner, &name, style.notes, colour);
             }
         }
+    }
+}
+
+/// A thin line to a doubt that does not stand beside its code.
+fn lead(
+    canvas: &mut Canvas,
+    place: Vector2<f64>,
+    clear: f64,
+    corner: [usize; 2],
+    size: [usize; 2],
+    colour: Colour,
+) {
+    let nearest = |axis: usize| {
+        let (first, length) = (corner[axis] as f64, size[axis] as f64);
+        place[axis].clamp(first, first + length)
+    };
+    let to = Vector2::new(nearest(0), nearest(1));
+    let along = to - place;
+    if along.norm() > 1.5 * clear + 2.0 {
+        canvas.line(place + along.normalize() * clear, to, 1.0, colour);
     }
 }
 

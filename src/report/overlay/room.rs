@@ -76,6 +76,19 @@ impl Room {
             .sum()
     }
 
+    /// As [`Room::beside`], and where there is none up to five heights of the text further away.
+    pub(super) fn near(
+        &mut self,
+        place: Vector2<f64>,
+        clear: f64,
+        size: [usize; 2],
+    ) -> Option<[usize; 2]> {
+        (0..=10).find_map(|step| {
+            let further = 0.5 * f64::from(step) * size[1] as f64;
+            self.beside(place, clear + further, size)
+        })
+    }
+
     /// Finds and takes room for a text of this size beside a place: its top-left corner; `None` where all round is
     /// taken. `clear` is the distance from the place that stays empty, px.
     pub(super) fn beside(
@@ -127,6 +140,8 @@ mod tests {
             std::iter::from_fn(|| room.beside(place, 12.0, [60, 16])).collect();
         assert_eq!(corners[..2], [[112, 42], [28, 42]]);
         assert!((3..=8).contains(&corners.len()), "{corners:?}");
+        let further = room.near(place, 12.0, [8, 8]);
+        assert!(further.is_some());
         for (slot, a) in corners.iter().enumerate() {
             for b in &corners[..slot] {
                 assert!(a[0].abs_diff(b[0]) >= 60 || a[1].abs_diff(b[1]) >= 16);
