@@ -4,11 +4,12 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{ArgGroup, Args, Parser, Subcommand};
 use tiepoint::commands::{self, CommandError, Failure};
 use tiepoint::monitor::Monitor;
 use tiepoint::network::Stage;
 use tiepoint::targets::Family;
+use tiepoint::targets::sheet::{IdList, SheetSettings, Tone};
 use tiepoint::ui::window::{self, Beginning, WindowError};
 
 /// Industrial vision metrology: from photographs of coded and plain targets to coordinates with true sigmas.
@@ -39,7 +40,7 @@ enum Command {
     Export(Export),
     /// Compare a project's coordinates with known ones by a best fit.
     Compare(Compare),
-    /// Write the table of a code family.
+    /// Write the table of a code family, or sheets of its targets to print.
     Codes(Codes),
 }
 
@@ -130,6 +131,9 @@ struct DetectArguments {
     /// Code families: dot420, ring12, ring14, ring20.
     #[arg(long, value_delimiter = ',', default_value = "dot420")]
     codes: Vec<Family>,
+    /// Folder for a picture of each image with what was found and what was refused, and why.
+    #[arg(long)]
+    overlay: Option<PathBuf>,
     /// Print all targets as JSON.
     #[arg(long)]
     json: bool,
@@ -169,13 +173,42 @@ struct Compare {
 }
 
 #[derive(Args)]
+#[command(group(ArgGroup::new("file").required(true)))]
 struct Codes {
     /// Table file (CSV).
-    #[arg(long)]
-    table: PathBuf,
-    /// Code family.
+    #[arg(long, group = "file")]
+    table: Option<PathBuf>,
+    /// Sheet of targets to print (PDF or SVG, by the file's ending), true to size on A4.
+    #[arg(long, group = "file")]
+    sheet: Option<PathBuf>,
+    /// Code family: dot420, ring12, ring14 or ring20.
     #[arg(long, default_value = "dot420")]
     family: Family,
+    /// Numbers of the codes: ranges and lists such as 1-32,40.
+    #[arg(long, default_value = "1-32", conflicts_with = "table")]
+    ids: IdList,
+    /// Pitch of a dot420 code, mm; ring codes have none.
+    #[arg(
+        long,
+        default_value_t = 5.0,
+        conflicts_with = "table",
+        allow_negative_numbers = true
+    )]
+    pitch_mm: f64,
+    /// Diameter of the dots, mm; a ring lies between 2 and 3 of their radii.
+    #[arg(
+        long,
+        default_value_t = 5.0,
+        conflicts_with = "table",
+        allow_negative_numbers = true
+    )]
+    dot_mm: f64,
+    /// Codes to a page, in rows; without it as many as fit.
+    #[arg(long, conflicts_with = "table")]
+    per_page: Option<u32>,
+    /// Black targets on white instead of white ones on black.
+    #[arg(long, conflicts_with = "table")]
+    invert: bool,
 }
 
 fn main() -> ExitCode {
@@ -293,6 +326,7 @@ fn run(command: Command, monitor: &Monitor) -> Result<(), CommandError> {
                 images: detect.images,
                 camera: detect.camera,
                 families: detect.codes,
+                overlay: detect.overlay,
             },
             commands::Form::of_json(detect.json),
             monitor,
@@ -314,6 +348,30 @@ fn run(command: Command, monitor: &Monitor) -> Result<(), CommandError> {
             },
             commands::Form::of_json(compare.json),
         ),
-        Command::Codes(codes) => commands::codes(&codes.table, codes.family),
+        Command::Codes(codes) => write_codes(codes),
     }
+}
+
+fn write_codes(codes: Codes) -> Result<(), CommandError> {
+    if let Some(table) = &codes.table {
+        commands::codes(table, codes.family)?;
+    }
+    let Some(file) = codes.sheet else {
+        return Ok(());
+    };
+    commands::codes_sheet(&commands::SheetRequest {
+        file,
+        settings: SheetSettings {
+            family: codes.family,
+            ids: codes.ids,
+            pitch_mm: codes.pitch_mm,
+            dot_mm: codes.dot_mm,
+            per_page: codes.per_page,
+            targets: if codes.invert {
+                Tone::Black
+            } else {
+                Tone::White
+            },
+        },
+    })
 }

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::overlays::OverlayFolder;
 use super::terminal::show;
 use super::{CommandError, Form};
 use crate::imaging::{GreyImage, LoadSettings, load_picture};
@@ -19,16 +20,23 @@ pub struct DetectRequest {
     pub camera: Option<PathBuf>,
     /// Code families.
     pub families: Vec<Family>,
+    /// Folder for a picture of each image with what was found drawn over it; `None` for none.
+    pub overlay: Option<PathBuf>,
 }
 
 /// Finds targets and codes in single images; those that cannot be read are left out and told at the end.
 ///
 /// # Errors
-/// [`CommandError`] for an image that cannot be read or has another size than the camera.
+/// [`CommandError`] for an image that cannot be read or has another size than the camera, and for overlays that cannot
+/// be written.
 pub fn detect(request: &DetectRequest, form: Form, monitor: &Monitor) -> Result<(), CommandError> {
     let cameras = match &request.camera {
         Some(file) => read_cameras(file)?,
         None => Vec::new(),
+    };
+    let mut overlays = match &request.overlay {
+        Some(folder) => Some(OverlayFolder::new(folder, &request.images)?),
+        None => None,
     };
     let task = monitor.task("detecting targets", request.images.len() as u64);
     let settings = DetectSettings::default();
@@ -45,6 +53,9 @@ pub fn detect(request: &DetectRequest, form: Form, monitor: &Monitor) -> Result<
         };
         task.step().map_err(|_| CommandError::interrupted())?;
         let detections = detect_targets(&picture, &request.families, &settings);
+        if let Some(overlays) = &mut overlays {
+            overlays.write(path, &picture, &detections)?;
+        }
         let name = path.to_string_lossy();
         match form {
             Form::Json => reports.push(DetectReport::new(&name, &detections)),

@@ -6,6 +6,7 @@ mod codes;
 mod demo;
 mod detect;
 mod export;
+mod overlays;
 mod project;
 mod run;
 mod terminal;
@@ -21,7 +22,7 @@ use crate::project::session::Session;
 use crate::project::storage::StorageError;
 use crate::report::WriteError;
 
-pub use codes::codes;
+pub use codes::{SheetRequest, codes, codes_sheet};
 pub use demo::{DemoCross, DemoRequest, PreparedDemo, demo, prepare_demo};
 pub use detect::{DetectRequest, detect};
 pub use export::{ExportRequest, compare, export};

@@ -1,4 +1,4 @@
-//! What leaves the program: tables, CSV, TOML, JSON.
+//! What leaves the program: tables, CSV, TOML, JSON, sheets of targets, pictures with what was found in them.
 //!
 //! Everything is made from a [`crate::network::Network`] as a text or as a value to serialise, and only [`write_file`]
 //! touches the disk. Numbers name their unit in the header. No stale number passes for a fresh one: what is derived
@@ -14,6 +14,9 @@ mod export;
 mod file;
 #[cfg(test)]
 pub(crate) mod fixture;
+mod overlay;
+mod sheet_pdf;
+mod sheet_svg;
 mod summary;
 mod truth_check;
 
@@ -28,5 +31,8 @@ pub use csv_text::csv_text;
 pub use detect::{DetectReport, detect_line};
 pub use export::{NoFigures, export_cameras, export_observations, export_points, export_stations};
 pub use file::{WriteError, write_file};
+pub use overlay::overlay;
+pub use sheet_pdf::sheet_pdf;
+pub use sheet_svg::sheet_svg;
 pub use summary::{FindingReport, RunSummary, StageRun};
 pub use truth_check::{TruthCheck, check_against_truth};

@@ -26,6 +26,7 @@ mod profile;
 #[cfg(test)]
 mod rendering;
 mod ring;
+pub mod sheet;
 mod trust;
 mod window;
 
