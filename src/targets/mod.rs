@@ -18,6 +18,7 @@ mod detections;
 mod dot;
 mod dot420;
 mod ellipse;
+mod exact;
 mod family;
 mod finding;
 mod fit;
