@@ -248,7 +248,7 @@ pub(super) fn drop_foreign(pixels: &mut Columns, fit: &Fit, noise: f64, clipping
 /// is not taken.
 pub(super) fn correct(pixels: &mut Columns, fit: &mut Fit) {
     /// Steps beyond which nothing is gained.
-    const MOST_CORRECTIONS: usize = 4;
+    const MOST_CORRECTIONS: usize = 12;
     /// After a step below this none is worth another picture, px: they shrink twentyfold.
     const SMALL: f64 = 2e-4;
     let mut cost = pixels.take_exact_misfits(&fit.profile);
