@@ -13,6 +13,8 @@ pub fn noise_level(image: &GreyImage) -> f64 {
     const DIFFERENCES: usize = 50_000;
     /// Below this many differences nothing can be said.
     const TOO_FEW: usize = 100;
+    /// Where fewer than one in so many is open, the picture is black and white, and what is open are edges.
+    const ONE_OPEN_IN: usize = 10;
     let rounding = 1.0 / 12.0_f64.sqrt();
     let white = image.depth().white();
     let pixels = image.width() * image.height();
@@ -20,8 +22,10 @@ pub fn noise_level(image: &GreyImage) -> f64 {
     let rows_apart = stride.isqrt().max(1);
     let columns_apart = stride.div_ceil(rows_apart).max(1);
     let mut sizes: Vec<u32> = Vec::new();
+    let mut looked_at = 0;
     for row in (0..image.height()).step_by(rows_apart) {
         for triple in image.row(row).windows(3).step_by(columns_apart) {
+            looked_at += 1;
             let [left, middle, right] = [triple[0], triple[1], triple[2]];
             let open = |grey: u16| grey > 0 && grey < white;
             if open(left) && open(middle) && open(right) {
@@ -30,7 +34,7 @@ pub fn noise_level(image: &GreyImage) -> f64 {
             }
         }
     }
-    if sizes.len() < TOO_FEW {
+    if sizes.len() < TOO_FEW.max(looked_at / ONE_OPEN_IN) {
         return rounding;
     }
     (median_of_whole_numbers(&mut sizes) * 1.4826 / 6.0_f64.sqrt()).max(rounding)
@@ -57,6 +61,21 @@ mod tests {
     use super::*;
     use crate::imaging::BitDepth;
     use rand::{RngExt, SeedableRng};
+
+    #[test]
+    fn a_picture_of_black_and_white_has_no_noise_at_its_edges() {
+        let samples = (0..400 * 200)
+            .map(|i| match i % 50 {
+                0..20 => 0,
+                20 => 90,
+                21 => 160,
+                22 => 230,
+                _ => 255,
+            })
+            .collect();
+        let image = GreyImage::new(400, 200, BitDepth::Eight, samples).unwrap();
+        assert_eq!(noise_level(&image), 1.0 / 12.0_f64.sqrt());
+    }
 
     #[test]
     fn the_noise_of_a_slope_with_bright_spots_is_found() {

@@ -11,7 +11,8 @@ use bytemuck::{cast, cast_slice};
 use nalgebra::Vector2;
 use wide::{f32x4, i32x4};
 
-use super::profile::{AMPLITUDE, BACKGROUND, BLUR, PARAMETERS, Profile};
+use super::exact::Shares;
+use super::profile::{AMPLITUDE, BACKGROUND, BLUR, PARAMETERS, Parameters, Profile};
 
 /// From this many blurs off the edge on the profile is flat.
 pub(super) const FLAT: f32 = 4.0;
@@ -33,6 +34,7 @@ pub(super) struct Columns {
     counts: Vec<f32x4>,
     misfit: Vec<f32x4>,
     by: [Vec<f32x4>; PARAMETERS],
+    exact: Shares,
 }
 
 impl Columns {
@@ -129,6 +131,47 @@ impl Columns {
             .iter()
             .fold(f32x4::ZERO, |sum, &lane| sum + lane);
         sum.reduce_add() as usize
+    }
+
+    /// Misfits of the exact picture of a profile's dot instead of the profile's own, and the sum of their squares;
+    /// derivatives stay as they are.
+    pub(super) fn take_exact_misfits(&mut self, profile: &Profile) -> f64 {
+        self.evaluated = None;
+        let range = |column: &[f32]| {
+            let places = column[..self.count].iter();
+            places.fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], &place| {
+                [low.min(place), high.max(place)]
+            })
+        };
+        let (x, y) = (range(&self.x), range(&self.y));
+        let (first, last) = ([x[0], y[0]], [x[1], y[1]]);
+        self.exact
+            .fill(&profile.ellipse(), profile.blur(), first, last);
+        let p = Coefficients::of(profile).p;
+        let (xs, ys) = (self.x.as_chunks().0, self.y.as_chunks().0);
+        let greys = self.grey.as_chunks().0;
+        for (lane, misfit) in self.misfit.iter_mut().enumerate() {
+            let shares = f32x4::new(std::array::from_fn(|next| {
+                self.exact.at(xs[lane][next], ys[lane][next])
+            }));
+            let (x, y) = (f32x4::new(xs[lane]), f32x4::new(ys[lane]));
+            let background = p[6] + p[7] * x + p[8] * y;
+            let amplitude = p[9] + p[10] * x + p[11] * y;
+            let grey = f32x4::new(greys[lane]);
+            *misfit = self.counts[lane] * (grey - background - amplitude * shares);
+        }
+        self.cost()
+    }
+
+    /// What a small step of the parameters leaves of the misfits.
+    pub(super) fn take_step(&mut self, step: &Parameters) {
+        self.evaluated = None;
+        for (by, step) in self.by.iter().zip(step) {
+            let step = f32x4::splat(*step as f32);
+            for (misfit, &by) in self.misfit.iter_mut().zip(by) {
+                *misfit -= step * by;
+            }
+        }
     }
 
     /// Keeps the pixels for which `keep` holds, in their order.
@@ -281,7 +324,7 @@ impl Coefficients {
 ///
 /// Abramowitz and Stegun (1964), 26.2.17: right to 7.5e-8.
 #[inline(always)]
-fn normal_law(place: f32x4) -> (f32x4, f32x4) {
+pub(super) fn normal_law(place: f32x4) -> (f32x4, f32x4) {
     const TERMS: [f32; 5] = [
         1.330_274_4,
         -1.821_255_9,

@@ -6,7 +6,7 @@ use super::Dot;
 use super::columns::Columns;
 use super::ellipse::{Axes, Ellipse, Nested};
 use super::finding::{Candidate, Kind};
-use super::fit::{Fit, Freedom, Rest, drop_foreign, fit, slope_to_expect};
+use super::fit::{Fit, Freedom, Rest, correct, drop_foreign, fit, slope_to_expect};
 use super::profile::Profile;
 use super::trust::trust;
 use super::window::{WindowSettings, take_pixels};
@@ -98,7 +98,9 @@ const FIRST_BLUR: f64 = 0.8;
 /// The window reaches at least this far from the edge, px: with less background its slope cannot be told from a shift.
 const LEAST_MARGIN: f64 = 5.0;
 /// The window reaches no farther than this from the edge, px.
-const LARGEST_MARGIN: f64 = 12.0;
+const LARGEST_MARGIN: f64 = 15.0;
+/// From this smaller semi-axis on the edge is straight within the blur, to a thousandth of a pixel, px.
+const STRAIGHT: f64 = 16.0;
 /// Least number of background pixels that must be seen.
 const LEAST_FREE_PIXELS: usize = 12;
 /// The same for dots of a small ring code, whose neighbours stand a few pixels off: what is left between must suffice.
@@ -117,9 +119,14 @@ struct Reach {
 }
 
 impl Reach {
-    fn of_blur(blur: f64) -> Self {
+    /// For an edge of this blur; a large dot needs more background, else its slope is not told from a shift.
+    fn of(blur: f64, candidate: &Candidate) -> Self {
+        let axes = candidate.ellipse.axes();
+        let radius = axes.map_or(0.0, |axes| (axes.major * axes.minor).sqrt());
         Self {
-            margin: (3.5 * blur + 2.0).clamp(LEAST_MARGIN, LARGEST_MARGIN),
+            margin: (5.0 * blur + 1.0)
+                .max(0.6 * radius)
+                .clamp(LEAST_MARGIN, LARGEST_MARGIN),
             guard: (2.2 * blur + 0.7).clamp(2.0, 6.0),
         }
     }
@@ -235,6 +242,16 @@ fn measure_in(
         _ => first,
     };
     plausible(candidate, &second)?;
+    let mut second = second;
+    second.fill(pixels, view.clipping);
+    if second
+        .profile
+        .ellipse()
+        .axes()
+        .is_some_and(|axes| axes.minor < STRAIGHT)
+    {
+        correct(pixels, &mut second);
+    }
     judged(view, origin, &second, pixels, settings)
 }
 
@@ -258,7 +275,7 @@ fn first_fit(
     let guess = Profile::new(&ellipse, FIRST_BLUR, 0.0, 1.0);
     let (margin, guard, off_edge, freedom) = match surroundings {
         Surroundings::Open => {
-            let Reach { margin, guard } = Reach::of_blur(FIRST_BLUR);
+            let Reach { margin, guard } = Reach::of(FIRST_BLUR, candidate);
             (margin, guard, -1.5, Freedom::Even)
         }
         Surroundings::Rim if is_small(candidate) => {
@@ -316,8 +333,8 @@ fn second_fit(
     const CORE_FOR_SLOPE: f64 = 5.0;
     /// A guard wrong by less, px, is good enough.
     const SAME_GUARD: f64 = 0.3;
-    let Reach { margin, guard } = Reach::of_blur(first.profile.blur());
-    let taken = Reach::of_blur(FIRST_BLUR);
+    let Reach { margin, guard } = Reach::of(first.profile.blur(), candidate);
+    let taken = Reach::of(FIRST_BLUR, candidate);
     if margin > taken.margin || (guard - taken.guard).abs() > SAME_GUARD {
         let window = WindowSettings {
             origin: candidate.ellipse.centre,
@@ -395,7 +412,7 @@ fn judged(
     };
     let axes = ellipse.axes().ok_or("no ellipse can be fitted")?;
     let contrast = profile.amplitude();
-    let trust = trust(pixels, fit, view.clipping).ok_or("no ellipse can be fitted")?;
+    let trust = trust(pixels, fit).ok_or("no ellipse can be fitted")?;
     // Residuals that chance alone gives (two standard deviations of their variance) are no misfit: it matters to faint dots.
     let by_chance = 1.0 + 2.0 * (2.0 / trust.dot_redundancy.max(1.0)).sqrt();
     let misfit = (trust.dot_residual.powi(2) - by_chance * view.noise.powi(2))

@@ -7,6 +7,19 @@
 //! fit's residuals, not from an assumed noise. A dot that is covered, cut off or no ellipse is refused by its misfit,
 //! with a reason.
 //!
+//! The profile takes the edge as straight within its blur; where that is not so, the exact picture of the ellipse (chords, in
+//! closed form) corrects what is left. Reached against the Cramer-Rao bound, all nuisance parameters unknown
+//! (`cargo bench --bench centres -- 25`, 8 and 16 bit, blur 0.5 to 2 px, incidence 0 to 70 degrees, amplitude 10 to 200
+//! times the noise):
+//!
+//! | diameter, px | 4 | 6 | 8 | 12 | 20 | 30 | 50 | 100 |
+//! | --- | --- | --- | --- | --- | --- | --- | --- | --- |
+//! | rms of the centre over the bound | 1.02 | 1.04 | 1.07 | 1.08 | 1.12 | 1.09 | 1.06 | 1.05 |
+//! | rms over the stated sigma | 0.98 | 1.00 | 1.00 | 1.00 | 1.02 | 1.01 | 1.01 | 0.99 |
+//! | largest error without noise, px | 0.0034 | 0.0041 | 0.0016 | 0.0010 | 0.0003 | 0.0003 | 0.0003 | 0.0004 |
+//!
+//! A peak of just 5 sigmas is not found, whatever the size: detection begins there. The plot is `assets/centres.svg`.
+//!
 //! Ring codes are read in the frame that their dot's ellipse gives, corrected by the ring's own edges; the rule is to
 //! read a number rightly or to say why not.
 //!
@@ -18,6 +31,7 @@ mod detections;
 mod dot;
 mod dot420;
 mod ellipse;
+mod exact;
 mod family;
 mod finding;
 mod fit;

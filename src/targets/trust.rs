@@ -69,15 +69,14 @@ fn sector(x: f32, y: f32) -> usize {
 
 /// Variance of the centre with the residuals in place of an assumed noise (White, 1980, in the form HC2 of MacKinnon
 /// and White, 1985: squared residuals divided by their redundancy): a bright dot is noisier than its background, and a textured
-/// background says nothing of the edge.
-pub(super) fn trust(pixels: &mut Columns, fit: &Fit, clipping: Option<f64>) -> Option<Trust> {
+/// background says nothing of the edge. The columns are as the fit left them.
+pub(super) fn trust(pixels: &Columns, fit: &Fit) -> Option<Trust> {
     /// The variance from residuals where they act is blended with the one from their mean over the dot and its edge,
     /// which has fewer assumptions against it but three times the scatter.
     const SHARE_BY_PLACE: f64 = 0.3;
     /// Variance of rounding to whole grey values.
     const ROUNDING: f64 = 1.0 / 12.0;
     let cofactor = fit.cofactor()?;
-    pixels.evaluate(&fit.profile, clipping);
     let Leverage { projected, whole } = leverage(pixels, fit, &cofactor);
     let centre = fit.profile.ellipse().centre;
     let (centre_x, centre_y) = (centre.x as f32, centre.y as f32);
