@@ -99,8 +99,6 @@ const FIRST_BLUR: f64 = 0.8;
 const LEAST_MARGIN: f64 = 5.0;
 /// The window reaches no farther than this from the edge, px.
 const LARGEST_MARGIN: f64 = 15.0;
-/// From this smaller semi-axis on the edge is straight within the blur, to a thousandth of a pixel, px.
-const STRAIGHT: f64 = 16.0;
 /// Least number of background pixels that must be seen.
 const LEAST_FREE_PIXELS: usize = 12;
 /// The same for dots of a small ring code, whose neighbours stand a few pixels off: what is left between must suffice.
@@ -244,15 +242,26 @@ fn measure_in(
     plausible(candidate, &second)?;
     let mut second = second;
     second.fill(pixels, view.clipping);
-    if second
-        .profile
-        .ellipse()
-        .axes()
-        .is_some_and(|axes| axes.minor < STRAIGHT)
-    {
+    if is_bent(&second) {
         correct(pixels, &mut second);
     }
     judged(view, origin, &second, pixels, settings)
+}
+
+/// Whether the profile, which takes the edge as straight within its blur and the pixel as a part of it, moves the centre by
+/// more than some 3e-4 px: the dot is narrow, or the lens sharper than the pixels.
+fn is_bent(fit: &Fit) -> bool {
+    /// A smaller semi-axis of so many blurs is straight.
+    const STRAIGHT_BLURS: f64 = 3.5;
+    /// From this blur on the pixel's square is as good as a Gaussian, px.
+    const SMOOTH: f64 = 0.76;
+    /// With this smaller semi-axis a sharp edge too goes through pixels enough, px.
+    const LARGE: f64 = 16.0;
+    let blur = fit.profile.blur();
+    let axes = fit.profile.ellipse().axes();
+    axes.is_some_and(|axes| {
+        axes.minor < STRAIGHT_BLURS * blur || blur < SMOOTH && axes.minor < LARGE
+    })
 }
 
 /// A misfit so large that no second fit can mend it.
