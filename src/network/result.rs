@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::{CameraId, FrameResult, ImageId, PointId, Stage};
+use crate::geometry::Circle;
 use crate::targets::DotIndex;
 
 /// A point with its coordinates.
@@ -15,6 +16,9 @@ pub struct Point {
     pub covariance: Option<Matrix3<f64>>,
     /// Rays used.
     pub rays: u32,
+    /// The edge of its round target; `None` where it is not known. Projects without circles are read as such.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub circle: Option<Circle>,
 }
 
 /// One pass of identification.
