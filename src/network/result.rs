@@ -144,3 +144,22 @@ pub struct AdjustmentResult {
     /// Image observations, by image and dot.
     pub observations: Vec<AdjustedObservation>,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_of_older_projects_carry_no_circle() {
+        let older = r#"{"position":[1.0,2.0,3.0],"covariance":null,"rays":4}"#;
+        let mut point: Point = serde_json::from_str(older).unwrap();
+        assert_eq!((point.circle, point.rays), (None, 4));
+        assert_eq!(serde_json::to_string(&point).unwrap(), older);
+        point.circle = Some(Circle {
+            normal: Vector3::new(0.1, 0.7, 1.0 / 3.0),
+            radius_mm: 2.5,
+        });
+        let json = serde_json::to_string(&point).unwrap();
+        assert_eq!(serde_json::from_str::<Point>(&json).unwrap(), point);
+    }
+}
