@@ -18,6 +18,14 @@ impl BitDepth {
             BitDepth::Sixteen => u16::MAX,
         }
     }
+
+    /// The grey value at or above which a picture with this brightest one clips; `None` where it does not.
+    #[must_use]
+    pub fn clipping(self, brightest: u16) -> Option<u16> {
+        /// A picture whose brightest pixel stays below this share of white is not clipped.
+        const CLIPPED_SHARE: f32 = 0.98;
+        (f32::from(brightest) >= CLIPPED_SHARE * f32::from(self.white())).then_some(brightest)
+    }
 }
 
 /// Samples that do not fill the picture.
@@ -116,10 +124,7 @@ impl GreyImage {
     /// The grey value at or above which the sensor (or the conversion) clips; `None` where nothing is clipped.
     #[must_use]
     pub fn clipping(&self) -> Option<u16> {
-        /// A picture whose brightest pixel stays below this share of white is not clipped.
-        const CLIPPED_SHARE: f32 = 0.98;
-        let brightest = self.brightest();
-        (f32::from(brightest) >= CLIPPED_SHARE * f32::from(self.depth.white())).then_some(brightest)
+        self.depth.clipping(self.brightest())
     }
 
     /// The grey value between the pixels at a place in px, bilinear; `None` outside the outermost pixel centres.

@@ -1,14 +1,12 @@
 //! Connected components of a picture at rising grey levels.
 
-use super::GreyImage;
+use super::{GreyImage, Region};
 use crate::monitor::{Interrupted, Monitor};
 
-/// How a picture is cut into levels.
+/// How a region of a picture is cut into levels, which rise from its ground.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LevelSettings {
-    /// Grey value that counts as black; the levels rise from here.
-    pub black: f64,
-    /// Height of the first level above black, grey values.
+    /// Height of the first level above the ground, grey values.
     pub first: f64,
     /// Ratio of the heights of neighbouring levels. Targets must be this much brighter than what surrounds them, twice over.
     pub ratio: f64,
@@ -59,36 +57,32 @@ struct Run {
 const DROPPED: u32 = u32::MAX;
 
 impl LevelTree {
-    /// Cuts the picture.
-    #[must_use]
-    pub fn new(image: &GreyImage, settings: &LevelSettings) -> Self {
-        // Nobody interrupts this monitor.
-        Self::new_unless_interrupted(image, settings, &Monitor::new()).unwrap_or_default()
-    }
-
-    /// As [`LevelTree::new`], obeying the interrupt from level to level.
+    /// Cuts a region of the picture, obeying the interrupt from level to level.
+    ///
+    /// Cost: the region's pixels once, and what is left above each level once more.
     ///
     /// # Errors
     /// [`Interrupted`].
-    pub fn new_unless_interrupted(
+    pub fn new(
         image: &GreyImage,
+        region: &Region,
         settings: &LevelSettings,
         monitor: &Monitor,
     ) -> Result<Self, Interrupted> {
         let mut tree = Self::default();
-        let brightest = f64::from(image.brightest());
+        let brightest = f64::from(region.brightest);
         let mut height = settings.first.max(1.0);
-        let mut runs = runs_of_picture(image, settings.black + height);
+        let mut runs = runs_of_region(image, region, region.ground + height);
         while !runs.is_empty() {
-            let level = settings.black + height;
+            let level = region.ground + height;
             join_rows(&mut runs);
             tree.add_level(&mut runs, level, settings.least_area);
             height *= settings.ratio.max(1.01);
-            if settings.black + height >= brightest {
+            if region.ground + height >= brightest {
                 break;
             }
             monitor.check()?;
-            runs = runs_inside(image, &runs, settings.black + height);
+            runs = runs_inside(image, &runs, region.ground + height);
         }
         Ok(tree)
     }
@@ -204,26 +198,26 @@ fn least_above(level: f64) -> Option<u16> {
     (least <= f64::from(u16::MAX)).then_some(least.max(0.0) as u16)
 }
 
-fn runs_of_picture(image: &GreyImage, level: f64) -> Vec<Run> {
+fn runs_of_region(image: &GreyImage, region: &Region, level: f64) -> Vec<Run> {
     /// Pixels that are looked at together, so that dark stretches cost next to nothing.
     const STRETCH: usize = 64;
     let mut runs = Vec::new();
     let Some(least) = least_above(level) else {
         return runs;
     };
-    for row in 0..image.height() {
-        let samples = image.row(row);
+    for [row, first, end] in region.pieces() {
         let mut scan = Scan::new(row as u32, DROPPED, least);
-        for (index, stretch) in samples.chunks(STRETCH).enumerate() {
-            let start = (index * STRETCH) as u32;
+        let mut column = first;
+        for stretch in image.row(row)[first..end].chunks(STRETCH) {
             let bright = stretch
                 .iter()
                 .fold(0_u16, |any, &grey| any | u16::from(grey >= least));
             if bright != 0 || scan.open.is_some() {
-                scan.pixels(stretch, start, &mut runs);
+                scan.pixels(stretch, column as u32, &mut runs);
             }
+            column += stretch.len();
         }
-        scan.close(image.width() as u32, &mut runs);
+        scan.close(end as u32, &mut runs);
     }
     runs
 }
@@ -340,12 +334,13 @@ mod tests {
 
     fn cut(image: &GreyImage, first: f64, ratio: f64) -> Vec<LevelNode> {
         let settings = LevelSettings {
-            black: 0.0,
             first,
             ratio,
             least_area: 1,
         };
-        LevelTree::new(image, &settings).nodes
+        let whole = Region::whole(image, 0.0);
+        let tree = LevelTree::new(image, &whole, &settings, &Monitor::new());
+        tree.expect("nobody interrupts").nodes
     }
 
     #[test]

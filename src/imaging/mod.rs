@@ -1,12 +1,12 @@
 //! Pictures: grey values in memory, reading them from files, their noise, and their level sets.
 //!
-//! Segmentation does not choose one threshold. [`LevelTree`] cuts the picture at some twenty grey levels in geometric
-//! progression and keeps the connected components of every level with the component of the level below that holds
+//! Segmentation does not choose one threshold. One reading in tiles leaves the [`Region`]s that rise above their
+//! surroundings; [`LevelTree`] cuts each of them at some twenty grey levels in geometric
+//! progression above its ground and keeps the connected components of every level with the component of the level below that holds
 //! them: a coarse component tree, the structure behind maximally stable extremal regions (Matas, Chum, Urban and
 //! Pajdla, 2002). A target is a component that keeps its shape over several levels, so neither a flash hot spot nor
-//! a textured panel nor the neighbouring targets can spoil "the" local background: none is estimated here. Components
-//! are found by run lengths and union-find, a level inside the runs of the level below, so dark pictures cost one
-//! scan.
+//! a textured panel nor the neighbouring targets can spoil "the" local background: the ground only says where nothing
+//! is. Components are found by run lengths and union-find, a level inside the runs of the level below.
 //!
 //! The noise is the robust spread (Rousseeuw and Croux's 1.4826 times the median absolute value) of the second
 //! differences of neighbouring pixels.
@@ -17,6 +17,7 @@ mod grey;
 mod levels;
 mod load;
 mod noise;
+mod regions;
 
 pub use grey::{BitDepth, GreyImage, WrongSampleCount};
 pub use levels::{LevelNode, LevelSettings, LevelTree};
@@ -25,3 +26,4 @@ pub use load::{
     read_size,
 };
 pub use noise::noise_level;
+pub use regions::{Region, Tiles};

@@ -9,8 +9,8 @@ use super::GreyImage;
 /// values, 1/sqrt(12).
 #[must_use]
 pub fn noise_level(image: &GreyImage) -> f64 {
-    /// About this many differences are enough: their median is then known to a per cent.
-    const DIFFERENCES: usize = 200_000;
+    /// About this many differences are enough: their median is then known to half a per cent.
+    const DIFFERENCES: usize = 50_000;
     /// Below this many differences nothing can be said.
     const TOO_FEW: usize = 100;
     let rounding = 1.0 / 12.0_f64.sqrt();

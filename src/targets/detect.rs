@@ -5,13 +5,14 @@ use std::cmp::Ordering;
 use nalgebra::Vector2;
 use rayon::prelude::*;
 
+use super::columns::Columns;
 use super::dot::{DotSettings, MeasuredDot, Standing, View, measure_dot};
-use super::finding::{CandidateSettings, Ground, candidates};
+use super::finding::{Candidate, CandidateSettings, Ground, Strength, candidates, settled};
 use super::ring::{RingOutcome, read_ring};
 use super::{
     CodeReading, Detections, Dot, Dot420Settings, DotIndex, Family, Rejected, read_dot420,
 };
-use crate::imaging::{GreyImage, LevelSettings, LevelTree, noise_level};
+use crate::imaging::{GreyImage, LevelSettings, LevelTree, Tiles, noise_level};
 use crate::monitor::{Interrupted, Monitor};
 
 /// How targets are detected.
@@ -57,12 +58,13 @@ pub fn detect_unless_interrupted(
     monitor: &Monitor,
 ) -> Result<Detections, Interrupted> {
     monitor.check()?;
+    let tiles = Tiles::of(image);
     let view = View {
         image,
         noise: noise_level(image),
-        clipping: image.clipping().map(f64::from),
+        clipping: image.depth().clipping(tiles.brightest()).map(f64::from),
     };
-    let (dots, mut rejected) = find_dots(&view, settings, monitor)?;
+    let (dots, mut rejected) = find_dots(&view, &tiles, settings, monitor)?;
     let rings = read_rings(&view, &dots, families, monitor)?;
     let kept = without_rings(&dots, &rings);
     rejected.retain(|place| !inside_a_target(place.place_px, &dots, &rings));
@@ -131,21 +133,17 @@ fn unconfirmed(dot: &MeasuredDot) -> Rejected {
 /// Accepted dots by rows and columns, and what was refused.
 fn find_dots(
     view: &View,
+    tiles: &Tiles,
     settings: &DetectSettings,
     monitor: &Monitor,
 ) -> Result<(Vec<MeasuredDot>, Vec<Rejected>), Interrupted> {
-    monitor.check()?;
-    let tree =
-        LevelTree::new_unless_interrupted(view.image, &level_settings(view, settings), monitor)?;
-    monitor.check()?;
-    let (width, height) = (view.image.width(), view.image.height());
-    let found = candidates(&tree, width, height, &candidate_settings(settings));
+    let found = settled(propose(view, tiles, settings, monitor)?);
     let measured: Vec<_> = found
         .places
         .into_par_iter()
-        .map(|place| {
+        .map_init(Columns::default, |pixels, place| {
             monitor.check()?;
-            Ok((place, measure_dot(view, &place, &settings.dots)))
+            Ok((place, measure_dot(view, &place, &settings.dots, pixels)))
         })
         .collect::<Result<_, Interrupted>>()?;
     let mut dots = Vec::new();
@@ -166,6 +164,30 @@ fn find_dots(
     }
     widen_sigmas(&mut dots);
     Ok((dots, rejected))
+}
+
+/// Candidates, region by region.
+fn propose(
+    view: &View,
+    tiles: &Tiles,
+    settings: &DetectSettings,
+    monitor: &Monitor,
+) -> Result<Vec<(Candidate, Strength)>, Interrupted> {
+    /// What stays this much below the first level may be left out, as a share of its height: means of tiles are noisy.
+    const LEFT_OUT: f64 = 0.8;
+    monitor.check()?;
+    let levels = level_settings(view, tiles, settings);
+    let shape = candidate_settings(settings);
+    let (width, height) = (view.image.width(), view.image.height());
+    let regions = tiles.regions(LEFT_OUT * levels.first, 0.5 * settings.dots.largest_px);
+    let found: Vec<_> = regions
+        .par_iter()
+        .map(|region| {
+            let tree = LevelTree::new(view.image, region, &levels, monitor)?;
+            Ok(candidates(&tree, width, height, &shape))
+        })
+        .collect::<Result<_, Interrupted>>()?;
+    Ok(found.into_iter().flatten().collect())
 }
 
 /// Enlarges the sigmas where residuals hang together: in the whole picture because its noise does, as the median of its
@@ -331,29 +353,15 @@ fn mark_repeated(codes: &mut [CodeReading]) {
     }
 }
 
-fn level_settings(view: &View, settings: &DetectSettings) -> LevelSettings {
-    let black = dark_level(view.image);
-    let brightest = f64::from(view.image.brightest());
+fn level_settings(view: &View, tiles: &Tiles, settings: &DetectSettings) -> LevelSettings {
+    let contrast = f64::from(tiles.brightest().saturating_sub(tiles.dark_level()));
     LevelSettings {
-        black,
         first: (5.0 * view.noise)
-            .max(settings.least_height * (brightest - black))
+            .max(settings.least_height * contrast)
             .max(1.0),
         ratio: settings.level_ratio,
         least_area: 4,
     }
-}
-
-/// The grey value that a twentieth of the picture does not exceed.
-fn dark_level(image: &GreyImage) -> f64 {
-    const STRIDE: usize = 61;
-    let mut greys: Vec<u16> = image.samples().iter().copied().step_by(STRIDE).collect();
-    if greys.is_empty() {
-        return 0.0;
-    }
-    let place = greys.len() / 20;
-    let (_, &mut grey, _) = greys.select_nth_unstable(place);
-    f64::from(grey)
 }
 
 fn candidate_settings(settings: &DetectSettings) -> CandidateSettings {

@@ -3,11 +3,13 @@
 use nalgebra::Vector2;
 
 use super::Dot;
-use super::ellipse::{Axes, Ellipse};
+use super::columns::Columns;
+use super::ellipse::{Axes, Ellipse, Nested};
 use super::finding::{Candidate, Kind};
-use super::fit::{Fit, Freedom, Rest, drop_foreign, fit, trust};
+use super::fit::{Fit, Freedom, Rest, drop_foreign, fit, slope_to_expect};
 use super::profile::Profile;
-use super::window::{Pixel, WindowSettings, pixels_of};
+use super::trust::trust;
+use super::window::{WindowSettings, take_pixels};
 use crate::imaging::GreyImage;
 
 /// What is accepted as the image of a round target.
@@ -87,8 +89,6 @@ enum Surroundings {
     Rim,
 }
 
-/// Half the width of the window round the first guess beyond the dot's edge, px.
-const FIRST_MARGIN: f64 = 4.0;
 /// The same for a dot with a rim.
 const RIM_MARGIN: f64 = 1.6;
 /// Pixels this near to what is beyond the rim are left out, px: direct neighbours only.
@@ -108,7 +108,24 @@ const SMALL_RIM_GUARD: f64 = 1.5;
 /// Dots below this product of the diameters are small in this sense, px^2.
 const SMALL: f64 = 80.0;
 
-/// Measures a candidate.
+/// How far round a dot pixels are taken.
+struct Reach {
+    /// Beyond its edge, px.
+    margin: f64,
+    /// Not nearer to a neighbour, px.
+    guard: f64,
+}
+
+impl Reach {
+    fn of_blur(blur: f64) -> Self {
+        Self {
+            margin: (3.5 * blur + 2.0).clamp(LEAST_MARGIN, LARGEST_MARGIN),
+            guard: (2.2 * blur + 0.7).clamp(2.0, 6.0),
+        }
+    }
+}
+
+/// Measures a candidate; the columns are room to work in.
 ///
 /// # Errors
 /// The reason why it is no target, in the operator's words.
@@ -116,6 +133,7 @@ pub(super) fn measure_dot(
     view: &View,
     candidate: &Candidate,
     settings: &DotSettings,
+    pixels: &mut Columns,
 ) -> Result<MeasuredDot, String> {
     if candidate.at_border {
         return Err("cut off at the picture's border".into());
@@ -132,7 +150,7 @@ pub(super) fn measure_dot(
             Standing::Tentative
         }
     };
-    let open = measure_in(view, candidate, Surroundings::Open, settings);
+    let open = measure_in(view, candidate, Surroundings::Open, settings, pixels);
     if let Ok(dot) = open {
         let standing = firm_if(candidate.kind != Kind::Bump);
         return Ok(MeasuredDot { standing, ..dot });
@@ -140,7 +158,7 @@ pub(super) fn measure_dot(
     if !is_rimmed(view, candidate) {
         return open;
     }
-    match measure_in(view, candidate, Surroundings::Rim, settings) {
+    match measure_in(view, candidate, Surroundings::Rim, settings, pixels) {
         Ok(dot) => {
             let standing = firm_if(candidate.kind != Kind::Bump && !is_small(candidate));
             Ok(MeasuredDot { standing, ..dot })
@@ -152,6 +170,8 @@ pub(super) fn measure_dot(
 /// Whether something as bright as the dot begins a few pixels off its edge on much of its outline.
 fn is_rimmed(view: &View, candidate: &Candidate) -> bool {
     const DIRECTIONS: u32 = 32;
+    /// Where it is looked for off the edge, px.
+    const RIM_BEYOND: f64 = 4.0;
     const LEAST_SHARE: f64 = 0.4;
     /// A code has at least two of its twenty segments light.
     const LEAST_SHARE_SMALL: f64 = 0.06;
@@ -168,7 +188,7 @@ fn is_rimmed(view: &View, candidate: &Candidate) -> bool {
             LEAST_SHARE_SMALL,
         )
     } else {
-        let reach = |axis: f64| axis + FIRST_MARGIN;
+        let reach = |axis: f64| axis + RIM_BEYOND;
         (
             Axes {
                 major: reach(axes.major),
@@ -202,19 +222,20 @@ fn measure_in(
     candidate: &Candidate,
     surroundings: Surroundings,
     settings: &DotSettings,
+    pixels: &mut Columns,
 ) -> Result<MeasuredDot, String> {
     let unfitted = "no ellipse can be fitted";
     let origin = candidate.ellipse.centre;
-    let (first, pixels) = first_fit(view, candidate, surroundings).ok_or(unfitted)?;
+    let first = first_fit(view, candidate, surroundings, pixels).ok_or(unfitted)?;
     plausible(candidate, &first)?;
-    let (second, pixels) = match surroundings {
+    let second = match surroundings {
         Surroundings::Open if !hopeless(&first) => {
-            second_fit(view, candidate, &first).ok_or(unfitted)?
+            second_fit(view, candidate, &first, pixels).ok_or(unfitted)?
         }
-        _ => (first, pixels),
+        _ => first,
     };
     plausible(candidate, &second)?;
-    judged(view, origin, &second, &pixels, settings)
+    judged(view, origin, &second, pixels, settings)
 }
 
 /// A misfit so large that no second fit can mend it.
@@ -227,7 +248,8 @@ fn first_fit(
     view: &View,
     candidate: &Candidate,
     surroundings: Surroundings,
-) -> Option<(Fit, Vec<Pixel>)> {
+    pixels: &mut Columns,
+) -> Option<Fit> {
     let origin = candidate.ellipse.centre;
     let ellipse = Ellipse {
         centre: Vector2::zeros(),
@@ -235,7 +257,10 @@ fn first_fit(
     };
     let guess = Profile::new(&ellipse, FIRST_BLUR, 0.0, 1.0);
     let (margin, guard, off_edge, freedom) = match surroundings {
-        Surroundings::Open => (FIRST_MARGIN, 2.3, -1.5, Freedom::Even),
+        Surroundings::Open => {
+            let Reach { margin, guard } = Reach::of_blur(FIRST_BLUR);
+            (margin, guard, -1.5, Freedom::Even)
+        }
         Surroundings::Rim if is_small(candidate) => {
             (SMALL_RIM_MARGIN, SMALL_RIM_GUARD, -1.0, Freedom::Rimmed)
         }
@@ -247,62 +272,92 @@ fn first_fit(
         margin,
         guard,
     };
-    let pixels = pixels_of(view.image, &guess, &window);
-    let (background, amplitude) = first_grey_values(&pixels, &guess, off_edge)?;
+    take_pixels(view.image, &guess, &window, pixels);
+    let (background, amplitude) = first_grey_values(pixels, &guess, off_edge)?;
     let start = Profile::new(&ellipse, FIRST_BLUR, background, amplitude);
     let rest = match surroundings {
         Surroundings::Open => Rest::Rough,
         Surroundings::Rim => Rest::Fine,
     };
-    let first = fit(&pixels, start, freedom, rest, view.clipping)?;
-    Some((first, pixels))
+    fit(pixels, start, freedom, rest, view.clipping)
 }
 
 /// Background and amplitude from the pixels off the edge; `None` where too few of either are seen.
-fn first_grey_values(pixels: &[Pixel], guess: &Profile, off_edge: f64) -> Option<(f64, f64)> {
+fn first_grey_values(pixels: &Columns, guess: &Profile, off_edge: f64) -> Option<(f64, f64)> {
     let ellipse = guess.ellipse();
-    let greys = |keep: &dyn Fn(&Pixel) -> bool| {
-        let mut greys: Vec<f64> = pixels.iter().filter(|p| keep(p)).map(|p| p.grey).collect();
-        greys.sort_by(f64::total_cmp);
-        greys
-    };
-    let outside = greys(&|p| guess.distance(p.place) < off_edge);
-    let inside = greys(&|p| ellipse.level(p.place) < 0.75);
+    let dark = Nested::of(&ellipse, -off_edge)?;
+    let (mut outside, mut inside) = (Vec::new(), Vec::new());
+    for (slot, &grey) in pixels.greys().iter().enumerate().take(pixels.len()) {
+        let place = pixels.place(slot);
+        if !dark.holds(place) {
+            outside.push(grey);
+        } else if ellipse.level(place) < 0.75 {
+            inside.push(grey);
+        }
+    }
     if outside.len() < LEAST_FREE_PIXELS || inside.is_empty() {
         return None;
     }
-    let background = outside[outside.len() / 2];
-    let top = inside[inside.len() * 3 / 4];
+    let at = |greys: &mut [f32], place: usize| {
+        f64::from(*greys.select_nth_unstable_by(place, f32::total_cmp).1)
+    };
+    let (half, most) = (outside.len() / 2, inside.len() * 3 / 4);
+    let (background, top) = (at(&mut outside, half), at(&mut inside, most));
     (top > background).then_some((background, top - background))
 }
 
-fn second_fit(view: &View, candidate: &Candidate, first: &Fit) -> Option<(Fit, Vec<Pixel>)> {
+fn second_fit(
+    view: &View,
+    candidate: &Candidate,
+    first: &Fit,
+    pixels: &mut Columns,
+) -> Option<Fit> {
     /// A slope of the amplitude is told from a shift when the dot's smaller radius is this many blurs.
     const CORE_FOR_SLOPE: f64 = 5.0;
-    let blur = first.profile.blur();
-    let window = WindowSettings {
-        origin: candidate.ellipse.centre,
-        level: candidate.level,
-        margin: (3.5 * blur + 2.0).clamp(LEAST_MARGIN, LARGEST_MARGIN),
-        guard: (2.2 * blur + 0.7).clamp(2.0, 6.0),
-    };
-    let mut pixels = pixels_of(view.image, &first.profile, &window);
-    drop_foreign(&mut pixels, first, view.noise);
-    let minor = first.profile.ellipse().axes()?.minor;
-    let fit_with = |start, freedom| fit(&pixels, start, freedom, Rest::Fine, view.clipping);
-    let even = fit_with(first.profile, Freedom::Even)?;
-    if minor < CORE_FOR_SLOPE * even.profile.blur() {
-        return Some((even, pixels));
+    /// A guard wrong by less, px, is good enough.
+    const SAME_GUARD: f64 = 0.3;
+    let Reach { margin, guard } = Reach::of_blur(first.profile.blur());
+    let taken = Reach::of_blur(FIRST_BLUR);
+    if margin > taken.margin || (guard - taken.guard).abs() > SAME_GUARD {
+        let window = WindowSettings {
+            origin: candidate.ellipse.centre,
+            level: candidate.level,
+            margin,
+            guard,
+        };
+        take_pixels(view.image, &first.profile, &window, pixels);
     }
-    match fit_with(even.profile, Freedom::Sloping) {
-        Some(sloping) if slope_is_real(&even, &sloping) => Some((sloping, pixels)),
-        _ => Some((even, pixels)),
+    drop_foreign(pixels, first, view.noise, view.clipping);
+    let minor = first.profile.ellipse().axes()?.minor;
+    let even = fit(
+        pixels,
+        first.profile,
+        Freedom::Even,
+        Rest::Fine,
+        view.clipping,
+    )?;
+    if minor < CORE_FOR_SLOPE * even.profile.blur()
+        || slope_to_expect(pixels, &even, view.clipping) < LEAST_F
+    {
+        return Some(even);
+    }
+    match fit(
+        pixels,
+        even.profile,
+        Freedom::Sloping,
+        Rest::Fine,
+        view.clipping,
+    ) {
+        Some(sloping) if slope_is_real(&even, &sloping) => Some(sloping),
+        _ => Some(even),
     }
 }
 
-/// Whether two more parameters explain more than noise would let them (F test, far beyond its one per mille point).
+/// Two more parameters must explain this much more than noise would (F test, far beyond its one per mille point).
+const LEAST_F: f64 = 10.0;
+
+/// Whether the amplitude slopes: what two more parameters explain.
 fn slope_is_real(even: &Fit, sloping: &Fit) -> bool {
-    const LEAST_F: f64 = 10.0;
     let freedom = sloping.used as f64 - 12.0;
     let before = even.residual.powi(2) * (freedom + 2.0);
     let after = sloping.residual.powi(2) * freedom;
@@ -329,7 +384,7 @@ fn judged(
     view: &View,
     origin: Vector2<f64>,
     fit: &Fit,
-    pixels: &[Pixel],
+    pixels: &mut Columns,
     settings: &DotSettings,
 ) -> Result<MeasuredDot, String> {
     let profile = &fit.profile;

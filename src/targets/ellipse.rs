@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use nalgebra::{Matrix2, SymmetricEigen, Vector2};
+use nalgebra::{Matrix2, Vector2};
 
 /// The points `p` with `(p - centre)^T shape (p - centre) = 1`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,7 +34,6 @@ impl Ellipse {
     }
 
     /// The ellipse with these axes.
-    #[cfg(test)]
     pub(super) fn from_axes(centre: Vector2<f64>, axes: Axes) -> Self {
         let (sin, cos) = axes.angle.sin_cos();
         let turn = Matrix2::new(cos, -sin, sin, cos);
@@ -47,21 +46,20 @@ impl Ellipse {
 
     /// Its axes; `None` where the shape is not positive definite.
     pub(super) fn axes(&self) -> Option<Axes> {
-        let eigen = SymmetricEigen::new(self.shape);
-        let (small, large) = if eigen.eigenvalues[0] < eigen.eigenvalues[1] {
-            (0, 1)
-        } else {
-            (1, 0)
-        };
+        let (xx, xy, yy) = (self.shape[(0, 0)], self.shape[(0, 1)], self.shape[(1, 1)]);
+        let (mean, half_difference) = (0.5 * (xx + yy), 0.5 * (xx - yy));
+        let large = mean + half_difference.hypot(xy);
+        // As a quotient, because a difference loses the digits of a narrow ellipse.
+        let small = (xx * yy - xy * xy) / large;
         // A NaN fails the comparison as well.
-        if !(eigen.eigenvalues[small] > 0.0 && eigen.eigenvalues[large].is_finite()) {
+        if !(small > 0.0 && large.is_finite()) {
             return None;
         }
-        let direction = eigen.eigenvectors.column(small);
-        let angle = direction[1].atan2(direction[0]).rem_euclid(PI);
+        let across = 0.5 * xy.atan2(half_difference);
+        let angle = (across + 0.5 * PI).rem_euclid(PI);
         Some(Axes {
-            major: eigen.eigenvalues[small].sqrt().recip(),
-            minor: eigen.eigenvalues[large].sqrt().recip(),
+            major: small.sqrt().recip(),
+            minor: large.sqrt().recip(),
             angle: if angle >= PI { 0.0 } else { angle },
         })
     }
@@ -81,6 +79,39 @@ impl Ellipse {
         (from_centre.dot(&(self.shape * from_centre)))
             .max(0.0)
             .sqrt()
+    }
+}
+
+/// An ellipse of the same centre and direction as another, its semi-axes longer or shorter by a length.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Nested(Ellipse);
+
+impl Nested {
+    /// `None` where nothing is left of an axis.
+    pub(super) fn of(ellipse: &Ellipse, longer_by: f64) -> Option<Self> {
+        let axes = ellipse.axes()?;
+        let nested = Axes {
+            major: axes.major + longer_by,
+            minor: axes.minor + longer_by,
+            ..axes
+        };
+        (nested.minor > 0.0).then(|| Self(Ellipse::from_axes(ellipse.centre, nested)))
+    }
+
+    /// Where a row at `y` enters and leaves it; `None` where it passes by.
+    pub(super) fn along_row(&self, y: f64) -> Option<[f64; 2]> {
+        let Ellipse { centre, shape } = self.0;
+        let dy = y - centre.y;
+        // shape_xx dx^2 + 2 shape_xy dx dy + shape_yy dy^2 = 1.
+        let (a, b) = (shape[(0, 0)], shape[(0, 1)] * dy);
+        let root = (b * b - a * (shape[(1, 1)] * dy * dy - 1.0)).sqrt();
+        (root >= 0.0).then(|| [-1.0, 1.0].map(|sign| centre.x + (sign * root - b) / a))
+    }
+
+    /// Whether a place lies inside.
+    pub(super) fn holds(&self, place: Vector2<f64>) -> bool {
+        let from_centre = place - self.0.centre;
+        from_centre.dot(&(self.0.shape * from_centre)) <= 1.0
     }
 }
 
@@ -111,6 +142,28 @@ mod tests {
             let on_ellipse = ellipse.centre + back.frame() * on_circle;
             prop_assert!((ellipse.level(on_ellipse) - 1.0).abs() < 1e-9);
         }
+    }
+
+    #[test]
+    fn a_row_enters_and_leaves_an_ellipse_where_its_border_is() {
+        let axes = Axes {
+            major: 5.0,
+            minor: 2.0,
+            angle: 0.6,
+        };
+        let ellipse = Ellipse::from_axes(Vector2::new(1.0, -2.0), axes);
+        let nested = Nested::of(&ellipse, 1.5).unwrap();
+        let [enters, leaves] = nested.along_row(-1.2).unwrap();
+        assert!(
+            nested.holds(Vector2::new(enters + 1e-9, -1.2))
+                && !nested.holds(Vector2::new(enters - 1e-9, -1.2))
+        );
+        assert!(
+            nested.holds(Vector2::new(leaves - 1e-9, -1.2))
+                && !nested.holds(Vector2::new(leaves + 1e-9, -1.2))
+        );
+        assert_eq!(nested.along_row(9.0), None);
+        assert!(Nested::of(&ellipse, -2.5).is_none());
     }
 
     #[test]

@@ -83,13 +83,13 @@ const LEAST_AXES_RATIO: f64 = 0.15;
 /// From one level to the next a dot loses at most this share of its area; a chain that loses more has changed its object.
 const LARGEST_LOSS: f64 = 0.65;
 
-/// All candidates, in the order of their components.
+/// The candidates of one region, in the order of their components.
 pub(super) fn candidates(
     tree: &LevelTree,
     width: usize,
     height: usize,
     settings: &CandidateSettings,
-) -> Candidates {
+) -> Vec<(Candidate, Strength)> {
     let nodes = &tree.nodes;
     let elliptic: Vec<bool> = nodes.iter().map(is_elliptic).collect();
     let largest_child = largest_children(nodes);
@@ -120,10 +120,14 @@ pub(super) fn candidates(
             chain_of[slot] = known;
         }
     }
-    let found: Vec<(Candidate, Strength)> = chains
+    chains
         .iter()
         .filter_map(|chain| candidate(nodes, &ground_area, chain, width, height, settings))
-        .collect();
+        .collect()
+}
+
+/// What is left of the candidates of all regions of a picture, when the picture tells texture from targets.
+pub(super) fn settled(found: Vec<(Candidate, Strength)>) -> Candidates {
     let weak = found
         .iter()
         .filter(|(_, strength)| *strength == Strength::Weak)
@@ -150,8 +154,10 @@ pub(super) fn candidates(
 
 /// Whether a candidate would stand on a textured ground too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Strength {
+pub(super) enum Strength {
+    /// It would.
     Clear,
+    /// Only on a plain ground.
     Weak,
 }
 

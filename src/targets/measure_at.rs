@@ -3,10 +3,12 @@
 use nalgebra::Vector2;
 
 use super::Dot;
+use super::columns::Columns;
 use super::dot::{DotSettings, MeasuredDot, View, measure_dot};
 use super::ellipse::Ellipse;
-use super::finding::{Candidate, CandidateSettings, Kind, candidates};
-use crate::imaging::{BitDepth, GreyImage, LevelSettings, LevelTree, noise_level};
+use super::finding::{Candidate, CandidateSettings, Kind, candidates, settled};
+use crate::imaging::{BitDepth, GreyImage, LevelSettings, LevelTree, Region, noise_level};
+use crate::monitor::Monitor;
 
 /// How a dot is measured where somebody points.
 #[derive(Clone, Debug, PartialEq)]
@@ -112,7 +114,7 @@ impl CutOut {
         ] {
             let mut best: Option<MeasuredDot> = None;
             for candidate in places {
-                match measure_dot(&view, &candidate, &settings.dots) {
+                match measure_dot(&view, &candidate, &settings.dots, &mut Columns::default()) {
                     Ok(dot) if is_near(&dot.ellipse, place, settings.reach_px) => {
                         if best.as_ref().is_none_or(|known| dot.misfit < known.misfit) {
                             best = Some(dot);
@@ -137,12 +139,14 @@ impl CutOut {
         settings: &MeasureAtSettings,
     ) -> Vec<Candidate> {
         let levels = LevelSettings {
-            black: percentile(&self.picture, 0.05),
             first: (4.0 * view.noise).max(1.0),
             ratio: settings.level_ratio,
             least_area: 4,
         };
-        let tree = LevelTree::new(&self.picture, &levels);
+        let surroundings = Region::whole(&self.picture, percentile(&self.picture, 0.05));
+        // Nobody interrupts this monitor.
+        let tree = LevelTree::new(&self.picture, &surroundings, &levels, &Monitor::new())
+            .unwrap_or_default();
         let largest = settings.dots.largest_px;
         let conditions = CandidateSettings {
             least_levels: 2,
@@ -154,7 +158,8 @@ impl CutOut {
             largest_area: std::f64::consts::FRAC_PI_4 * largest * largest,
         };
         let (width, height) = (self.picture.width(), self.picture.height());
-        let mut near: Vec<Candidate> = candidates(&tree, width, height, &conditions)
+        let found = candidates(&tree, width, height, &conditions);
+        let mut near: Vec<Candidate> = settled(found)
             .places
             .into_iter()
             .filter(|candidate| is_near(&candidate.ellipse, place, settings.reach_px))

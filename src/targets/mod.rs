@@ -12,6 +12,7 @@
 //!
 //! Invariant: pure functions of one picture; no orientation, no adjustment, the same digits on any number of threads.
 
+mod columns;
 mod detect;
 mod detections;
 mod dot;
@@ -25,6 +26,7 @@ mod profile;
 #[cfg(test)]
 mod rendering;
 mod ring;
+mod trust;
 mod window;
 
 pub use detect::{DetectSettings, detect, detect_unless_interrupted};

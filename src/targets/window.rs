@@ -2,16 +2,10 @@
 
 use nalgebra::Vector2;
 
+use super::columns::Columns;
+use super::ellipse::Nested;
 use super::profile::Profile;
 use crate::imaging::GreyImage;
-
-/// A pixel of the window.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Pixel {
-    /// Its centre relative to the window's origin, px.
-    pub(super) place: Vector2<f64>,
-    pub(super) grey: f64,
-}
 
 /// What to take from the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,13 +32,15 @@ enum Owner {
     Neighbour,
 }
 
-/// The pixels of the dot and of the background round it, without its neighbours; empty where nothing bright lies at
-/// the dot's place.
-pub(super) fn pixels_of(
+/// Fills the columns with the pixels of the dot and of the background round it, without its neighbours; with none where
+/// nothing bright lies at the dot's place.
+pub(super) fn take_pixels(
     image: &GreyImage,
     profile: &Profile,
     settings: &WindowSettings,
-) -> Vec<Pixel> {
+    pixels: &mut Columns,
+) {
+    pixels.clear();
     let ellipse = profile.ellipse();
     let centre = settings.origin + ellipse.centre;
     let half = ellipse
@@ -54,7 +50,7 @@ pub(super) fn pixels_of(
     let columns = first(centre.x - half.x)..(first(centre.x + half.x) + 1).min(image.width());
     let rows = first(centre.y - half.y)..(first(centre.y + half.y) + 1).min(image.height());
     if columns.is_empty() || rows.is_empty() {
-        return Vec::new();
+        return;
     }
     let width = columns.len();
     let mut owners = vec![Owner::Background; width * rows.len()];
@@ -77,30 +73,48 @@ pub(super) fn pixels_of(
     });
     guard_neighbours(&mut owners, width, settings.guard);
 
-    let radius = ellipse.axes().map_or(0.0, |axes| axes.minor);
-    let core = radius - CORE_BLURS * profile.blur();
+    let Some(axes) = ellipse.axes() else {
+        return;
+    };
+    let core = axes.minor - CORE_BLURS * profile.blur();
     let stride = if core > 0.0 {
         (core / CORE_PIXELS.sqrt() * 2.0).ceil() as usize
     } else {
         1
     };
-    let mut pixels = Vec::new();
+    let Some(seen) = Nested::of(&ellipse, settings.margin) else {
+        return;
+    };
+    let inner = Nested::of(&ellipse, -CORE_BLURS * profile.blur()).filter(|_| stride > 1);
     for row in 0..rows.len() {
-        for column in 0..width {
-            if owners[row * width + column] == Owner::Neighbour {
-                continue;
+        let samples = &image.row(rows.start + row)[columns.clone()];
+        let owners = &owners[row * width..(row + 1) * width];
+        let first = place(0, row);
+        let Some(reached) = seen.along_row(first.y) else {
+            continue;
+        };
+        let column_at = |x: f64| (x - first.x).ceil().clamp(0.0, width as f64) as usize;
+        let mut column = column_at(reached[0]);
+        let end = column_at(reached[1]);
+        // Stretches between neighbours, and between core pixels that are left out.
+        let core = inner.as_ref().and_then(|inner| inner.along_row(first.y));
+        let core = core.map_or(width..width, |core| column_at(core[0])..column_at(core[1]));
+        let is_out = |column: usize| {
+            let thinned = core.contains(&column) && (row % stride != 0 || column % stride != 0);
+            thinned || owners[column] == Owner::Neighbour
+        };
+        while column < end {
+            let begin = column;
+            while column < end && !is_out(column) {
+                column += 1;
             }
-            let place = place(column, row);
-            let distance = profile.distance(place);
-            let in_core = distance > CORE_BLURS * profile.blur();
-            let thinned = in_core && (row % stride != 0 || column % stride != 0);
-            if distance >= -settings.margin && !thinned {
-                let grey = f64::from(image.at(columns.start + column, rows.start + row));
-                pixels.push(Pixel { place, grey });
+            let start = [(first.x + begin as f64) as f32, first.y as f32];
+            pixels.push_row(start, &samples[begin..column]);
+            while column < end && is_out(column) {
+                column += 1;
             }
         }
     }
-    pixels
 }
 
 /// Gives the dot the bright pixels that hang together with those inside its ellipse's inner half.
@@ -108,11 +122,14 @@ fn flood_dot(owners: &mut [Owner], width: usize, level: impl Fn(usize, usize) ->
     const INNER: f64 = 0.7;
     /// The dot's own pixels end here; what hangs together with it farther out is a neighbour that touches it.
     const OUTER: f64 = 1.6;
-    let mut stack: Vec<usize> = (0..owners.len())
-        .filter(|&slot| {
-            owners[slot] == Owner::Neighbour && level(slot % width, slot / width) < INNER
-        })
-        .collect();
+    let mut stack = Vec::new();
+    for (row, owners) in owners.chunks(width).enumerate() {
+        for (column, &owner) in owners.iter().enumerate() {
+            if owner == Owner::Neighbour && level(column, row) < INNER {
+                stack.push(row * width + column);
+            }
+        }
+    }
     for &slot in &stack {
         owners[slot] = Owner::Dot;
     }

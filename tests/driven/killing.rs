@@ -146,7 +146,6 @@ pub(crate) fn kill_in_edits(screen: &Screen, kills: usize, seed: u64) -> Killed 
                 window.title().contains("adjust done")
             });
         }
-        window.point_at(PANEL[0], PANEL[1]);
         let edits = random.random_range(1..6);
         for _ in 0..edits {
             let key = ["x", "r"][random.random_range(0..2)];
@@ -186,6 +185,9 @@ fn edit(window: &mut Window<'_>, random: &mut ChaCha8Rng, key: &str) {
     const PATIENCE: Duration = Duration::from_secs(3);
     let saved = window.saved();
     window.wait("the edit to be saved", |window| {
+        // A pointer that rests where the last window left it is never told to this one.
+        window.point_at(PANEL[0] + 5, PANEL[1]);
+        window.point_at(PANEL[0], PANEL[1]);
         window.press(&["Escape", "ctrl+k"]);
         sleep(LOOK);
         window.write(&format!("point M{}", random.random_range(1..30)));

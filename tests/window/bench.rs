@@ -7,7 +7,7 @@ use std::sync::{Arc, OnceLock};
 use std::thread::sleep;
 use std::time::Duration;
 
-use egui::{Event, Key, Modifiers, PointerButton, Pos2, vec2};
+use egui::{Event, Key, Modifiers, PointerButton, Pos2, RawInput, vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable as _;
 use nalgebra::Vector2;
@@ -23,6 +23,9 @@ use crate::common::{Folder, NEW};
 /// Frames after which a test gives up waiting: with its pause a frame takes some milliseconds, a measurement of the small
 /// scene some hundred frames.
 pub(crate) const MOST_FRAMES: usize = 20_000;
+
+/// Frames within which all that was typed ahead is heard.
+const MOST_TYPED: usize = 20;
 
 /// Between two frames, so that the workers have the processor.
 const PAUSE: Duration = Duration::from_millis(3);
@@ -213,6 +216,23 @@ impl Bench {
     pub(crate) fn write(&mut self, text: &str) {
         self.window.event(Event::Text(text.to_owned()));
         self.settle();
+    }
+
+    /// What the operator typed while one slow frame was drawn: all of it comes with the next frame.
+    pub(crate) fn type_ahead(&mut self, events: Vec<Event>) {
+        let context = self.window.ctx.clone();
+        let mut input = RawInput {
+            events,
+            ..RawInput::default()
+        };
+        // The harness leaves out this part of a frame.
+        for _ in 0..MOST_TYPED {
+            let app = self.window.state_mut();
+            eframe::App::raw_input_hook(app, &context, &mut input);
+            let heard = std::mem::take(&mut input.events);
+            self.window.input_mut().events.extend(heard);
+            self.window.step();
+        }
     }
 
     /// Clicks what has this label.

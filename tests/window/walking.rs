@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use egui::{Key, Modifiers};
+use egui::{Event, Key, Modifiers};
 use egui_kittest::kittest::Queryable as _;
 use tiepoint::network::{ImageId, Network, Source};
 use tiepoint::project::edit::REJECTED_BY_OPERATOR;
@@ -133,6 +133,51 @@ fn the_palette_finds_commands_images_and_points() {
     bench.key(Key::Enter);
     assert_eq!(bench.app().selection().image, Some(*id));
     assert!(!bench.has("Commands, images, points"), "it closes");
+}
+
+#[test]
+fn keys_typed_within_one_frame_mean_what_they_mean_one_by_one() {
+    let folder = folder("ahead", Begun::Measured);
+    let mut bench = Bench::open(&folder.at("p.tiepoint"));
+    let network = bench.network();
+    let image = first_image(&bench);
+    let targets = targets_of(&network, image);
+    let other = targets[5];
+    bench.zoom_to(image, targets[0].place_px);
+    let go_to = |bench: &mut Bench, seen: Seen| {
+        bench.keys(Modifiers::COMMAND, Key::K);
+        bench.write(&network.label(seen.point).to_lowercase());
+        bench.key(Key::Enter);
+    };
+    // The pointer rests where a target comes that is looked at.
+    go_to(&mut bench, other);
+    let middle = bench.place(image, other.place_px);
+    bench.hover(middle);
+    go_to(&mut bench, targets[0]);
+
+    let press = |key, modifiers| Event::Key {
+        key,
+        physical_key: None,
+        pressed: true,
+        repeat: false,
+        modifiers,
+    };
+    let mut typed = vec![press(Key::K, Modifiers::COMMAND)];
+    for letter in network.label(other.point).to_lowercase().chars() {
+        let key = Key::from_name(&letter.to_uppercase().to_string()).expect("a letter or digit");
+        typed.push(press(key, Modifiers::NONE));
+        typed.push(Event::Text(letter.to_string()));
+    }
+    typed.push(press(Key::Enter, Modifiers::NONE));
+    typed.push(press(Key::X, Modifiers::NONE));
+    bench.type_ahead(typed);
+    bench.rest();
+
+    assert_eq!(bench.app().selection().point, Some(other.point));
+    assert!(!bench.has("Commands, images, points"), "it closes");
+    assert_eq!(first_image(&bench), image, "N and P were letters");
+    let label = other.label(&bench.network()).cloned().expect("its label");
+    assert_eq!(label.rejected.as_deref(), Some(REJECTED_BY_OPERATOR));
 }
 
 #[test]

@@ -70,6 +70,9 @@ impl App {
     }
 
     fn command(&mut self, command: Command, context: &Context) {
+        if command.opens_a_field() {
+            self.type_ahead.wait_for_field();
+        }
         match command {
             Command::Step => self.run(RunRequest::Step),
             Command::RunStage => self.run(RunRequest::Stage),

@@ -153,6 +153,18 @@ impl Command {
         }
     }
 
+    /// Whether a text field opens and takes the keyboard.
+    pub(super) fn opens_a_field(self) -> bool {
+        matches!(
+            self,
+            Command::New
+                | Command::Open
+                | Command::SaveCopy
+                | Command::FindPictures
+                | Command::Palette
+        )
+    }
+
     /// Its name.
     #[must_use]
     pub fn title(self) -> &'static str {

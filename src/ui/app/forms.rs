@@ -303,6 +303,10 @@ impl App {
                 }
             }
         }
+        if !matches!(done, Done::No) {
+            // Else the field keeps the keyboard until a frame has missed it.
+            context.memory_mut(egui::Memory::stop_text_input);
+        }
         match done {
             Done::No => {}
             Done::Without => self.forms.close(),

@@ -15,6 +15,7 @@ mod panes;
 mod sight;
 mod start;
 mod title;
+mod type_ahead;
 
 use std::collections::{BTreeSet, VecDeque};
 use std::path::PathBuf;
@@ -47,6 +48,7 @@ use crate::project::whereabouts::PictureMoves;
 use loader::Loader;
 use palette::Palette;
 use start::Start;
+use type_ahead::TypeAhead;
 
 pub use catalogue::Command;
 
@@ -84,6 +86,7 @@ pub struct App {
     /// Where missing pictures were found, until it can be taken over.
     moves: Option<PictureMoves>,
     palette: Palette,
+    type_ahead: TypeAhead,
     start: Start,
     forms: forms::Forms,
     /// Banners that the operator has dismissed.
@@ -161,6 +164,7 @@ impl App {
             missing: Vec::new(),
             moves: None,
             palette: Palette::default(),
+            type_ahead: TypeAhead::default(),
             start: Start::default(),
             forms: forms::Forms::default(),
             seen: banners::Seen::default(),
@@ -284,6 +288,10 @@ impl App {
 }
 
 impl eframe::App for App {
+    fn raw_input_hook(&mut self, context: &Context, input: &mut egui::RawInput) {
+        self.type_ahead.hear(context, input);
+    }
+
     fn logic(&mut self, context: &Context, _frame: &mut eframe::Frame) {
         self.take_over(context);
         self.show_title(context);

@@ -100,6 +100,8 @@ impl App {
             });
         if done {
             palette.close();
+            // Else the field keeps the keyboard until a frame has missed it.
+            context.memory_mut(egui::Memory::stop_text_input);
         }
         self.palette = palette;
     }

@@ -269,6 +269,7 @@ impl ImageView {
     ) {
         let id = canvas.response.id.with("popup");
         let image = self.image;
+        let was_open = self.popup.is_some();
         match &mut self.popup {
             Some(Popup::Label(popup)) => {
                 let Some(choice) = popup.ui(ui.ctx(), id, context.network) else {
@@ -289,6 +290,10 @@ impl ImageView {
                 self.popup = None;
             }
             None => {}
+        }
+        if was_open && self.popup.is_none() {
+            // Else the field keeps the keyboard until a frame has missed it.
+            ui.memory_mut(egui::Memory::stop_text_input);
         }
     }
 }

@@ -1,0 +1,165 @@
+//! How far a fitted centre is to be trusted, from the residuals of its own fit.
+
+use bytemuck::{cast, cast_slice};
+use wide::f32x4;
+
+use super::columns::{Columns, FLAT};
+use super::fit::{Fit, Normal};
+use super::profile::{PARAMETERS, Parameters};
+
+/// How far a fit is to be trusted.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Trust {
+    /// Standard error of the centre, rms over x and y, px: from the residuals where the centre takes its information.
+    pub(super) sigma_px: f64,
+    /// Root mean square residual over the dot and its edge, with their redundancy.
+    pub(super) dot_residual: f64,
+    /// That redundancy.
+    pub(super) dot_redundancy: f64,
+    /// How many times larger the variance of the centre is than independent residuals would make it.
+    pub(super) dependence: f64,
+}
+
+/// Sectors of the edge within which residuals may hang together.
+const SECTORS: usize = 8;
+
+/// Sums over one sector of the edge: what its residuals do to the centre, and what they would do if they were independent.
+#[derive(Clone, Copy)]
+struct Sector {
+    moved: [f64; 2],
+    squares: [f64; 2],
+    /// Derivatives weighted as the residuals are: the fit has taken this much out of them.
+    taken: [[f32x4; 3]; 2],
+}
+
+impl Sector {
+    fn empty() -> Self {
+        Self {
+            moved: [0.0; 2],
+            squares: [0.0; 2],
+            taken: [[f32x4::ZERO; 3]; 2],
+        }
+    }
+}
+
+/// Residuals hang together along the edge where the noise does (resampled, compressed or sharpened pictures), and
+/// under shadows, dirt and shapes that are no ellipse. Their effects on the centre are summed in sectors; the ratio to
+/// what independent residuals of the same fit would give has the expectation 1, or more where they hang together.
+fn dependence(sectors: &[Sector; SECTORS], cofactor: &Normal, variance: f64) -> f64 {
+    let (mut together, mut apart) = (0.0, 0.0);
+    for sector in sectors {
+        for axis in 0..2 {
+            together += sector.moved[axis].powi(2);
+            let taken: [f32; PARAMETERS] = cast(sector.taken[axis]);
+            let taken = Parameters::from(taken.map(f64::from));
+            apart += sector.squares[axis] - taken.dot(&(cofactor * taken));
+        }
+    }
+    if apart > 0.0 && variance > 0.0 {
+        together / (apart * variance)
+    } else {
+        1.0
+    }
+}
+
+/// The sector in which a direction from the centre lies: octants.
+fn sector(x: f32, y: f32) -> usize {
+    usize::from(y < 0.0) * 4 + usize::from(x < 0.0) * 2 + usize::from(x.abs() < y.abs())
+}
+
+/// Variance of the centre with the residuals in place of an assumed noise (White, 1980, in the form HC2 of MacKinnon
+/// and White, 1985: squared residuals divided by their redundancy): a bright dot is noisier than its background, and a textured
+/// background says nothing of the edge.
+pub(super) fn trust(pixels: &mut Columns, fit: &Fit, clipping: Option<f64>) -> Option<Trust> {
+    /// The variance from residuals where they act is blended with the one from their mean over the dot and its edge,
+    /// which has fewer assumptions against it but three times the scatter.
+    const SHARE_BY_PLACE: f64 = 0.3;
+    /// Variance of rounding to whole grey values.
+    const ROUNDING: f64 = 1.0 / 12.0;
+    let cofactor = fit.cofactor()?;
+    pixels.evaluate(&fit.profile, clipping);
+    let Leverage { projected, whole } = leverage(pixels, fit, &cofactor);
+    let centre = fit.profile.ellipse().centre;
+    let (centre_x, centre_y) = (centre.x as f32, centre.y as f32);
+    let mut variance = [0.0; 2];
+    let mut sectors = [Sector::empty(); SECTORS];
+    let (mut dot_redundancy, mut dot_squares) = (0.0, 0.0);
+    let (blurs, counts, misfits) = (pixels.blurs(), pixels.counts(), pixels.misfits());
+    let [xs, ys] = pixels.places();
+    let [shift_x, shift_y, whole]: [&[f32]; 3] =
+        [&projected[0], &projected[1], &whole].map(|column| cast_slice(column));
+    let by: [&[f32]; PARAMETERS] =
+        std::array::from_fn(|parameter| cast_slice(pixels.by(parameter)));
+    for slot in 0..pixels.len() {
+        if blurs[slot] < -FLAT || counts[slot] == 0.0 {
+            continue;
+        }
+        let misfit = f64::from(misfits[slot]);
+        let square = misfit * misfit;
+        let redundancy = (1.0 - f64::from(whole[slot])).max(0.05);
+        dot_redundancy += redundancy;
+        dot_squares += square;
+        let together = &mut sectors[sector(xs[slot] - centre_x, ys[slot] - centre_y)];
+        let mut derivatives = [0.0_f32; PARAMETERS];
+        for (derivative, by) in derivatives.iter_mut().zip(&by) {
+            *derivative = by[slot];
+        }
+        let derivatives: [f32x4; 3] = cast(derivatives);
+        for (axis, shift) in [shift_x[slot], shift_y[slot]].into_iter().enumerate() {
+            let weight = f64::from(shift);
+            together.moved[axis] += weight * misfit;
+            together.squares[axis] += weight * weight;
+            for (taken, &derivatives) in together.taken[axis].iter_mut().zip(&derivatives) {
+                *taken += f32x4::splat(shift) * derivatives;
+            }
+            variance[axis] += weight * weight * square / redundancy;
+        }
+    }
+    if dot_redundancy <= 0.0 {
+        return None;
+    }
+    let even = (dot_squares / dot_redundancy).max(ROUNDING);
+    let blended: f64 = (0..2)
+        .map(|axis| {
+            SHARE_BY_PLACE * variance[axis] + (1.0 - SHARE_BY_PLACE) * even * cofactor[(axis, axis)]
+        })
+        .sum();
+    let mean = 0.5 * blended;
+    Some(Trust {
+        sigma_px: mean.sqrt(),
+        dependence: dependence(&sectors, &cofactor, even),
+        dot_residual: (dot_squares / dot_redundancy).sqrt(),
+        dot_redundancy,
+    })
+}
+
+/// What each pixel does to the fit.
+struct Leverage {
+    /// Shift of the centre by one grey value of the pixel, along x and y.
+    projected: [Vec<f32x4>; 2],
+    /// Share of the pixel's own misfit that the fit takes up.
+    whole: Vec<f32x4>,
+}
+
+fn leverage(pixels: &Columns, fit: &Fit, cofactor: &Normal) -> Leverage {
+    let lanes = pixels.by(0).len();
+    let mut projected = [Vec::new(), Vec::new()];
+    let mut whole = vec![f32x4::ZERO; lanes];
+    let mut row = vec![f32x4::ZERO; lanes];
+    for i in fit.parameters() {
+        row.fill(f32x4::ZERO);
+        for j in fit.parameters() {
+            let factor = f32x4::splat(cofactor[(i, j)] as f32);
+            for (sum, &by) in row.iter_mut().zip(pixels.by(j)) {
+                *sum += factor * by;
+            }
+        }
+        for ((sum, &by), &row) in whole.iter_mut().zip(pixels.by(i)).zip(&row) {
+            *sum += by * row;
+        }
+        if let Some(axis) = projected.get_mut(i) {
+            axis.clone_from(&row);
+        }
+    }
+    Leverage { projected, whole }
+}
