@@ -42,8 +42,11 @@ fn assert_paper_box(check: &TruthCheck, sigma0: f64) {
         "{} targets",
         check.targets_as_points
     );
-    // Noise of a centre 0.02 px over some 20 rays at 50 um a pixel leaves 0.0015 mm, eccentricity as much again, twice.
-    assert!(check.rms_mm <= 0.008, "{} mm", check.rms_mm);
+    // Noise of a centre 0.035 px over some 10 rays at 50 um a pixel, seen from few sides, leaves 0.003 mm.
+    assert!(check.rms_mm <= 0.006, "{} mm", check.rms_mm);
+    // The mean over many seeds is 1.0; the common error of two bars alone makes it 1.25 now and then.
+    let ratio = check.error_over_sigma;
+    assert!((0.8..=1.35).contains(&ratio), "errors over sigmas {ratio}");
     // With 6000 degrees of freedom chance alone leaves 1 %; the rest is for sigmas that are true to 10 %.
     assert!((0.9..=1.1).contains(&sigma0), "sigma0 {sigma0}");
 }

@@ -161,6 +161,7 @@ fn point(number: u32) -> Point {
         position: Vector3::new(600.0 * x, 400.0 * y, 300.0 * z),
         covariance: Some(Matrix3::from_diagonal(&Vector3::new(1.0, 1.5, 3.0)) * (sigma * sigma)),
         rays: 4,
+        circle: None,
     }
 }
 

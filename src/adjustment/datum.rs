@@ -233,6 +233,9 @@ pub(super) fn apply(similarity: &Similarity, state: &mut State) {
     for point in &mut state.points {
         *point = similarity.apply(point);
     }
+    for circle in state.circles.iter_mut().flatten() {
+        *circle = circle.moved(similarity);
+    }
     for pose in &mut state.poses {
         pose.centre_in_world = similarity.apply(&pose.centre_in_world);
         pose.camera_from_world *= similarity.rotation.inverse();

@@ -4,9 +4,9 @@ use nalgebra::{Matrix3, RowVector3, SMatrix, Vector2, Vector3};
 use rayon::prelude::*;
 
 use super::layout::Layout;
-use super::{Adjustment, BundleProblem, PointShape};
+use super::{Adjustment, BundleProblem};
 use crate::camera::Camera;
-use crate::geometry::{Pose, skew};
+use crate::geometry::{Circle, Pose, skew};
 
 /// The values of all unknowns (and of what is kept fixed).
 #[derive(Clone, Debug)]
@@ -14,6 +14,8 @@ pub(super) struct State {
     pub(super) cameras: Vec<Camera>,
     pub(super) poses: Vec<Pose>,
     pub(super) points: Vec<Vector3<f64>>,
+    /// The circles of the points, which turn and grow with the network.
+    pub(super) circles: Vec<Option<Circle>>,
 }
 
 impl State {
@@ -22,6 +24,7 @@ impl State {
             cameras: problem.cameras.iter().map(|c| c.camera.clone()).collect(),
             poses: problem.stations.iter().map(|s| s.pose).collect(),
             points: problem.points.iter().map(|p| p.position).collect(),
+            circles: problem.points.iter().map(|p| p.circle).collect(),
         }
     }
 
@@ -34,31 +37,41 @@ impl State {
                 .collect(),
             poses: adjustment.stations.iter().map(|s| s.pose).collect(),
             points: adjustment.points.iter().map(|p| p.position).collect(),
+            circles: adjustment.points.iter().map(|p| p.circle).collect(),
         }
     }
 }
 
 /// An image observation at the present state, in px: `v` and its derivatives by the station's turn (camera frame, rad)
 /// and centre (mm), by the camera's ten parameters, by the point (mm).
+///
+/// The derivatives are those of the point's own image: the eccentricity, which changes along by a share of `r^2 / D^2`, is
+/// constant within a step and taken anew at the next one. So the motions of the whole network stay exactly what the
+/// equations do not notice, and a step is judged by the same equations that made it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RayEquation {
     pub(super) residual: Vector2<f64>,
+    /// The image of the point less what is measured of it; zero without a circle.
+    pub(super) eccentricity: Vector2<f64>,
     pub(super) by_station: SMatrix<f64, 2, 6>,
     pub(super) by_camera: SMatrix<f64, 2, 10>,
     pub(super) by_point: SMatrix<f64, 2, 3>,
 }
 
-/// `None` where the camera does not image the point.
+/// `None` where the camera does not image the point or its circle.
 pub(super) fn ray_equation(
     camera: &Camera,
     pose: &Pose,
     point: &Vector3<f64>,
-    shape: PointShape,
+    circle: Option<&Circle>,
     pixel: &Vector2<f64>,
 ) -> Option<RayEquation> {
-    let PointShape::Place = shape;
     let in_camera = pose.camera_from_point(point);
     let projection = camera.project_with_jacobians(&in_camera)?;
+    let image = match circle {
+        None => projection.pixel,
+        Some(_) => camera.image_of_target(pose, point, circle)?,
+    };
     // k = M (X - X0) and exp([w]) k = k + w x k, so dk/dw = -[k]x, dk/dX0 = -M, dk/dX = M.
     let m: &Matrix3<f64> = pose.camera_from_world.matrix();
     let by_point = projection.by_point * m;
@@ -68,7 +81,8 @@ pub(super) fn ray_equation(
         .copy_from(&(-projection.by_point * skew(&in_camera)));
     by_station.fixed_columns_mut::<3>(3).copy_from(&-by_point);
     Some(RayEquation {
-        residual: projection.pixel - pixel,
+        residual: image - pixel,
+        eccentricity: projection.pixel - image,
         by_station,
         by_camera: projection.by_interior,
         by_point,
@@ -80,11 +94,10 @@ pub(super) fn ray_residual(
     camera: &Camera,
     pose: &Pose,
     point: &Vector3<f64>,
-    shape: PointShape,
+    circle: Option<&Circle>,
     pixel: &Vector2<f64>,
 ) -> Option<Vector2<f64>> {
-    let PointShape::Place = shape;
-    Some(camera.project(&pose.camera_from_point(point))? - pixel)
+    Some(camera.image_of_target(pose, point, circle)? - pixel)
 }
 
 /// A distance at the present state: residual (mm) and derivative by the far end; that by the near end is its negative.
@@ -130,7 +143,7 @@ impl Equations {
                         &state.cameras[station.camera],
                         &state.poses[o.station],
                         &state.points[o.point],
-                        problem.points[o.point].shape,
+                        state.circles[o.point].as_ref(),
                         &o.pixel,
                     )
                 })?
@@ -150,6 +163,31 @@ impl Equations {
     }
 }
 
+/// Image residuals (px) at a state near to that of `equations`, whose eccentricities they keep, by index of the
+/// observation.
+pub(super) fn trial_residuals(
+    problem: &BundleProblem,
+    layout: &Layout,
+    state: &State,
+    equations: &Equations,
+) -> Vec<Option<Vector2<f64>>> {
+    problem
+        .observations
+        .par_iter()
+        .zip(&equations.rays)
+        .with_min_len(64)
+        .map(|(o, equation)| {
+            let station = &problem.stations[o.station];
+            let eccentricity = equation.as_ref()?.eccentricity;
+            let (camera, pose) = (&state.cameras[station.camera], &state.poses[o.station]);
+            layout.takes_part(o.point).then(|| {
+                let image = ray_residual(camera, pose, &state.points[o.point], None, &o.pixel)?;
+                Some(image - eccentricity)
+            })?
+        })
+        .collect()
+}
+
 /// Image residuals (px) at a state, by index of the observation.
 pub(super) fn image_residuals(
     problem: &BundleProblem,
@@ -167,7 +205,7 @@ pub(super) fn image_residuals(
                     &state.cameras[station.camera],
                     &state.poses[o.station],
                     &state.points[o.point],
-                    problem.points[o.point].shape,
+                    state.circles[o.point].as_ref(),
                     &o.pixel,
                 )
             })?
@@ -192,8 +230,8 @@ mod tests {
             let camera = wide_angle_camera();
             let pose = Pose::looking_at(Vector3::new(200.0, -300.0, 1000.0) + aside, Vector3::zeros(), Vector3::y(), roll);
             let pixel = Vector2::new(1000.0, 900.0);
-            let at = |camera: &Camera, pose: &Pose, point: &Vector3<f64>| ray_residual(camera, pose, point, PointShape::Place, &pixel).unwrap();
-            let equation = ray_equation(&camera, &pose, &point, PointShape::Place, &pixel).unwrap();
+            let at = |camera: &Camera, pose: &Pose, point: &Vector3<f64>| ray_residual(camera, pose, point, None, &pixel).unwrap();
+            let equation = ray_equation(&camera, &pose, &point, None, &pixel).unwrap();
             prop_assert!((equation.residual - at(&camera, &pose, &point)).norm() < 1e-12);
             for axis in 0..3 {
                 let step = |h: f64| { let mut s = Vector3::zeros(); s[axis] = h; s };

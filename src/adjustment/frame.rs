@@ -137,6 +137,7 @@ pub(super) fn move_into_frame(
     let rotation = motion.rotation.matrix();
     for point in &mut adjustment.points {
         point.position = motion.apply(&point.position);
+        point.circle = point.circle.map(|circle| circle.moved(&motion));
         point.covariance = point.covariance.map(|q| turned(rotation, &q));
     }
     for station in &mut adjustment.stations {

@@ -2,7 +2,8 @@
 //!
 //! The observation equation of an image point is the collinearity condition in the *measured* image (Brown, 1971 with
 //! the corrections inverted): `pixel + v = project(M (X - X0); interior)`, so that residuals are what the measurement
-//! erred by. Distances (`|X_to - X_from|`), known coordinates and known camera parameters are weighted observations.
+//! erred by. Where the circle of a target is known, `project` gives the centre of the circle's image
+//! ([`crate::camera::Camera::image_of_target`]), which is what is measured. Distances (`|X_to - X_from|`), known coordinates and known camera parameters are weighted observations.
 //!
 //! - **Normal equations.** Points are eliminated 3 x 3 at a time (Brown, 1958), which leaves a dense system of six
 //!   unknowns a station, the camera parameters and the ends of distances; Cholesky factors it, scaled to unit diagonal.
@@ -17,12 +18,15 @@
 //! - **Frame.** Three points may give the coordinate system of the result (3-2-1): six functionals `B` of their
 //!   coordinates take the place of the inner constraints, `S = I - G (B^T G)^-1 B^T` with the six rigid motions as `G`,
 //!   and the estimates move by the finite motion. The scale stays as the datum has it.
+//! - **Circles.** The circle of a target is what its ellipses agree on ([`estimate_circle`]); it is estimated between
+//!   adjustments and kept in them, where it moves with the network.
 //! - **Reliability.** Redundancy numbers and normalised residuals after Baarda (1968); gross errors are found by
 //!   iterated data snooping with a robust start and restoration ([`adjust_with_rejection`]).
 //!
 //! Invariant: results do not depend on the number of threads. Chunks follow from the problem alone and sums run in
 //! their order.
 
+mod circle;
 mod datum;
 mod equations;
 mod error;
@@ -36,6 +40,8 @@ mod solver;
 mod statistics;
 
 #[cfg(test)]
+mod circle_tests;
+#[cfg(test)]
 mod dense;
 #[cfg(test)]
 mod frame_tests;
@@ -44,10 +50,11 @@ mod simulation;
 #[cfg(test)]
 mod tests;
 
+pub use circle::{CircleEstimate, EllipseSight, MeasuredEllipse, estimate_circle, estimate_radius};
 pub use error::{AdjustmentError, DatumMotion, ParameterName, ProblemPart, StationComponent};
 pub use problem::{
     BundleProblem, BundleSettings, CameraBlock, CoordinatePrior, Datum, DistanceObservation,
-    ImageObservation, ParameterState, PointBlock, PointShape, RobustStart, StationBlock,
+    ImageObservation, ParameterState, PointBlock, RobustStart, StationBlock,
 };
 pub use rejection::{
     RejectedObservation, RejectionReason, RejectionSettings, RobustAdjustment,

@@ -6,7 +6,7 @@ use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Camera;
-use crate::geometry::{Pose, ThreeTwoOne};
+use crate::geometry::{Circle, Pose, ThreeTwoOne};
 
 /// What the adjustment may do with one parameter of interior orientation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -51,15 +51,6 @@ pub struct CoordinatePrior {
     pub sigma: f64,
 }
 
-/// What of an object point is seen in the pictures.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[non_exhaustive]
-pub enum PointShape {
-    /// The place itself: the observation is the image of the point.
-    #[default]
-    Place,
-}
-
 /// An object point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointBlock {
@@ -67,8 +58,9 @@ pub struct PointBlock {
     pub position: Vector3<f64>,
     /// Known coordinates x, y, z; `None` where unknown.
     pub prior: [Option<CoordinatePrior>; 3],
-    /// What the pictures show of it.
-    pub shape: PointShape,
+    /// The circle about it, of whose images the centres are measured; `None` for a point that is measured itself. It
+    /// moves with the network and is not estimated.
+    pub circle: Option<Circle>,
 }
 
 impl PointBlock {
@@ -78,7 +70,7 @@ impl PointBlock {
         Self {
             position,
             prior: [None; 3],
-            shape: PointShape::Place,
+            circle: None,
         }
     }
 

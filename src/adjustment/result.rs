@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Termination;
 use crate::camera::Camera;
-use crate::geometry::{Pose, Similarity};
+use crate::geometry::{Circle, Pose, Similarity};
 
 /// A camera with its estimated interior orientation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -35,6 +35,8 @@ pub struct AdjustedPoint {
     pub position: Vector3<f64>,
     /// 3 x 3, mm^2, a-posteriori; `None` for a point that did not take part.
     pub covariance: Option<Matrix3<f64>>,
+    /// The circle about it as the problem gave it, moved with the datum and the frame.
+    pub circle: Option<Circle>,
     /// Used image observations.
     pub rays: usize,
 }

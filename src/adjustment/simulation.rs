@@ -13,7 +13,7 @@ use super::{
 };
 use crate::camera::InteriorOrientation;
 use crate::camera::fixture::wide_angle_camera;
-use crate::geometry::Pose;
+use crate::geometry::{Circle, Pose};
 use crate::monitor::Monitor;
 
 /// What to simulate.
@@ -27,6 +27,8 @@ pub(super) struct Scene {
     pub(super) disturbance: f64,
     pub(super) interior: ParameterState,
     pub(super) seed: u64,
+    /// Radius of the round targets of whose images the centres are measured, mm; 0 for points.
+    pub(super) radius_mm: f64,
 }
 
 pub(super) struct Simulated {
@@ -72,11 +74,20 @@ pub(super) fn box_network(scene: &Scene) -> Simulated {
         })
         .collect();
     let camera = wide_angle_camera();
+    let circles: Vec<Option<Circle>> = (0..scene.points)
+        .map(|p| {
+            let circle = Circle {
+                normal: box_normal(p),
+                radius_mm: scene.radius_mm,
+            };
+            (scene.radius_mm > 0.0).then_some(circle)
+        })
+        .collect();
     let mut observations = Vec::new();
     for (p, point) in points.iter().enumerate() {
         for (s, pose) in poses.iter().enumerate() {
             let seen = (pose.centre_in_world - point).dot(&box_normal(p)) > 0.0;
-            if let Some(pixel) = camera.project(&pose.camera_from_point(point))
+            if let Some(pixel) = camera.image_of_target(pose, point, circles[p].as_ref())
                 && seen
                 && camera.contains(&pixel)
             {
@@ -98,6 +109,7 @@ pub(super) fn box_network(scene: &Scene) -> Simulated {
         cameras: vec![camera.clone()],
         poses,
         points,
+        circles,
     };
     let problem = disturbed(&truth, observations, scene, &mut noise);
     Simulated { truth, problem }
@@ -172,6 +184,7 @@ pub(super) fn scene(seed: u64) -> Scene {
         disturbance: 10.0,
         interior: ParameterState::Free,
         seed,
+        radius_mm: 0.0,
     }
 }
 

@@ -4,7 +4,7 @@ use nalgebra::{DVector, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::datum::{FreeMotions, move_onto_datum};
-use super::equations::{Equations, State, distance_equation, image_residuals};
+use super::equations::{Equations, State, distance_equation, image_residuals, trial_residuals};
 use super::frame::move_into_frame;
 use super::layout::{Layout, PointRole};
 use super::normals::{Factor, Normals};
@@ -311,7 +311,7 @@ impl BundleSolver {
                         self.singular = 0;
                     }
                     let state = self.moved(&kept, &normals);
-                    let trial = image_residuals(&self.problem, &self.layout, &state);
+                    let trial = trial_residuals(&self.problem, &self.layout, &state, equations);
                     let trial_cost = self.cost(&state, &trial, loss);
                     if trial_cost <= allowed {
                         let change = normals.predicted_change(&kept).max(0.0);

@@ -368,9 +368,11 @@ fn adjusted_points(
     let mut points: Vec<AdjustedPoint> = state
         .points
         .iter()
-        .map(|position| AdjustedPoint {
+        .zip(&state.circles)
+        .map(|(position, circle)| AdjustedPoint {
             position: *position,
             covariance: None,
+            circle: *circle,
             rays: 0,
         })
         .collect();

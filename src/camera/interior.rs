@@ -117,6 +117,30 @@ impl InteriorOrientation {
         }
     }
 
+    /// Second derivatives of the ideal point's x' and y' by the measured point at a measured one, mm^-1.
+    ///
+    /// With `h = K1 s + K2 s^2 + K3 s^3`, `s = r2`, and `h'`, `h''` by `s`: `d2(xb h)/dxb2 = 6 xb h' + 4 xb^3 h''`,
+    /// `d2(xb h)/dxb dyb = 2 yb h' + 4 xb^2 yb h''`, `d2(xb h)/dyb2 = 2 xb h' + 4 xb yb^2 h''`; y likewise.
+    #[must_use]
+    pub fn curvature(&self, measured: &Vector2<f64>) -> [Matrix2<f64>; 2] {
+        let xb = measured.x - self.principal_point[0];
+        let yb = measured.y - self.principal_point[1];
+        let [k1, k2, k3] = self.radial;
+        let [p1, p2] = self.tangential;
+        let r2 = xb * xb + yb * yb;
+        let first = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3);
+        let second = 2.0 * k2 + r2 * 6.0 * k3;
+        let along = |u: f64| 6.0 * u * first + 4.0 * u * u * u * second;
+        let mixed = |u: f64, v: f64| 2.0 * v * first + 4.0 * u * u * v * second;
+        let across = |u: f64, v: f64| 2.0 * u * first + 4.0 * u * v * v * second;
+        let of_x = mixed(xb, yb) + 2.0 * p2;
+        let of_y = mixed(yb, xb) + 2.0 * p1;
+        [
+            Matrix2::new(along(xb) + 6.0 * p1, of_x, of_x, across(xb, yb) + 2.0 * p1),
+            Matrix2::new(across(yb, xb) + 2.0 * p2, of_y, of_y, along(yb) + 6.0 * p2),
+        ]
+    }
+
     /// The measured image point whose correction gives `ideal`, mm (Newton's method from the point itself).
     ///
     /// `None` where the distortion folds over on the way there: such a point is not imaged by this lens.
@@ -173,6 +197,11 @@ mod tests {
                 step[axis] = h;
                 let difference = (lens().ideal_from_measured(&(measured + step)) - lens().ideal_from_measured(&(measured - step))) / (2.0 * h);
                 prop_assert!((difference - correction.by_measured.column(axis)).norm() < 1e-9);
+                let bent = (lens().correction(&(measured + step)).by_measured - lens().correction(&(measured - step)).by_measured) / (2.0 * h);
+                let curvature = lens().curvature(&measured);
+                for row in 0..2 {
+                    prop_assert!((bent.row(row).transpose() - curvature[row].column(axis)).norm() < 1e-9);
+                }
             }
             for parameter in 0..10 {
                 // Steps that move the point by some 1e-4 mm whatever the parameter's unit.

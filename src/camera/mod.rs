@@ -1,4 +1,4 @@
-//! The camera: interior orientation, lens distortion and projection with Jacobians.
+//! The camera: interior orientation, lens distortion, projection with Jacobians, images of circles.
 //!
 //! The lens is the ten-parameter set of close-range photogrammetry (Brown, 1971; Fraser, 1997) in the *correcting*
 //! direction: the corrections are functions of the measured image point and are added to it. A measured point becomes
@@ -7,6 +7,7 @@
 //! Image coordinates: millimetres, x right, y up, origin at the image centre. Pixel coordinates: x right, y down,
 //! origin at the top-left corner of the image, the first pixel's centre at (0.5, 0.5).
 
+mod circle;
 #[cfg(test)]
 pub(crate) mod fixture;
 mod interior;

@@ -86,15 +86,7 @@ impl Camera {
         let measured_by_ideal = correction.by_measured.try_inverse()?;
         let pixel_by_measured = Matrix2::new(1.0, 0.0, 0.0, -1.0) / self.pixel_pitch_mm;
         let c = self.interior.principal_distance;
-        let k = point_in_camera;
-        let ideal_by_point = Matrix2x3::new(
-            -c / k.z,
-            0.0,
-            c * k.x / (k.z * k.z),
-            0.0,
-            -c / k.z,
-            c * k.y / (k.z * k.z),
-        );
+        let ideal_by_point = self.ideal_by_point(point_in_camera);
         let mut ideal_by_interior = -correction.by_interior;
         ideal_by_interior.set_column(0, &(ideal / c));
         let pixel_by_ideal = pixel_by_measured * measured_by_ideal;
@@ -114,7 +106,20 @@ impl Camera {
             && pixel.y <= f64::from(self.height_px)
     }
 
-    fn ideal_from_point(&self, k: &Vector3<f64>) -> Option<Vector2<f64>> {
+    /// Derivative of the ideal image point by the point in the camera frame.
+    pub(super) fn ideal_by_point(&self, k: &Vector3<f64>) -> Matrix2x3<f64> {
+        let c = self.interior.principal_distance;
+        Matrix2x3::new(
+            -c / k.z,
+            0.0,
+            c * k.x / (k.z * k.z),
+            0.0,
+            -c / k.z,
+            c * k.y / (k.z * k.z),
+        )
+    }
+
+    pub(super) fn ideal_from_point(&self, k: &Vector3<f64>) -> Option<Vector2<f64>> {
         (k.z < 0.0).then(|| Vector2::new(k.x, k.y) * (-self.interior.principal_distance / k.z))
     }
 }

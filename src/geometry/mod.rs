@@ -1,4 +1,4 @@
-//! The plain mathematics of directions and places: rotation, pose, similarity, plane, frame by three
+//! The plain mathematics of directions and places: rotation, pose, similarity, circle, plane, frame by three
 //! points, homography, intersection of rays.
 //!
 //! Frames follow Kraus (2007): the world is right-handed; the camera frame has x right, y up, z backwards, so that the
@@ -10,6 +10,7 @@
     reason = "`!(x > limit)` also refuses what is not a number, which `x <= limit` would let pass"
 )]
 
+mod circle;
 mod homography;
 mod intersection;
 mod plane;
@@ -19,6 +20,7 @@ mod rotation;
 mod similarity;
 mod three_two_one;
 
+pub use circle::Circle;
 pub use homography::{HomographyError, PlanePair, apply_homography, fit_homography};
 pub use intersection::{
     Intersection, IntersectionError, Ray, ShortestSegment, intersect_rays, shortest_segment,

@@ -183,6 +183,7 @@ mod tests {
                 position: Vector3::new(x, y, 7.0),
                 covariance: None,
                 rays: 2,
+                circle: None,
             };
             (label.parse().unwrap(), Arc::new(point))
         });

@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::{CameraId, FrameResult, ImageId, PointId, Stage};
+use crate::geometry::Circle;
 use crate::targets::DotIndex;
 
 /// A point with its coordinates.
@@ -15,6 +16,9 @@ pub struct Point {
     pub covariance: Option<Matrix3<f64>>,
     /// Rays used.
     pub rays: u32,
+    /// The edge of its round target; `None` where it is not known. Projects without circles are read as such.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub circle: Option<Circle>,
 }
 
 /// One pass of identification.
@@ -139,4 +143,23 @@ pub struct AdjustmentResult {
     pub bars: Vec<BarResult>,
     /// Image observations, by image and dot.
     pub observations: Vec<AdjustedObservation>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_of_older_projects_carry_no_circle() {
+        let older = r#"{"position":[1.0,2.0,3.0],"covariance":null,"rays":4}"#;
+        let mut point: Point = serde_json::from_str(older).unwrap();
+        assert_eq!((point.circle, point.rays), (None, 4));
+        assert_eq!(serde_json::to_string(&point).unwrap(), older);
+        point.circle = Some(Circle {
+            normal: Vector3::new(0.1, 0.7, 1.0 / 3.0),
+            radius_mm: 2.5,
+        });
+        let json = serde_json::to_string(&point).unwrap();
+        assert_eq!(serde_json::from_str::<Point>(&json).unwrap(), point);
+    }
 }

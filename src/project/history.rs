@@ -294,6 +294,7 @@ mod tests {
             position: Vector3::zeros(),
             covariance: None,
             rays: 2,
+            circle: None,
         }
     }
 

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use nalgebra::{Matrix3, Matrix6};
+use nalgebra::{Matrix3, Matrix6, Vector2};
 
 use super::csv_text::fixed;
 use super::{CameraFile, cameras_toml, csv_text};
@@ -189,7 +189,11 @@ pub fn export_observations(network: &Network) -> Result<String, NoFigures> {
                 source.to_owned(),
                 standing.reason,
             ]);
-            row.extend([String::new(), String::new()]);
+            let eccentricity = label.and_then(|label| eccentricity(network, image, label));
+            row.extend(match eccentricity {
+                Some(e) => [fixed(e.x, PX), fixed(e.y, PX)],
+                None => Default::default(),
+            });
             rows.push(row);
         }
     }
@@ -197,6 +201,14 @@ pub fn export_observations(network: &Network) -> Result<String, NoFigures> {
         "image,label,x_px,y_px,sigma_px,vx_px,vy_px,redundancy,test,status,source,reason,ecc_x_px,ecc_y_px",
         rows,
     ))
+}
+
+/// Image of the target's centre less the centre of its image, px, where its circle and the image's orientation are known.
+fn eccentricity(network: &Network, image: &ImageEntry, label: &Label) -> Option<Vector2<f64>> {
+    let point = network.points.get(&label.point)?;
+    let camera = &network.camera_of(image).camera;
+    let pose = &image.station.as_ref()?.pose;
+    camera.eccentricity(pose, &point.position, point.circle.as_ref()?)
 }
 
 struct DotStanding {
@@ -332,6 +344,8 @@ pub fn export_cameras(network: &Network) -> Result<String, NoFigures> {
 mod tests {
     use super::super::fixture;
     use super::*;
+    use crate::geometry::Circle;
+    use nalgebra::Vector3;
     use std::sync::Arc;
 
     fn fields(line: &str) -> Vec<&str> {
@@ -391,6 +405,34 @@ mod tests {
              img_1.png,,16.00000,20.00000,0.02000,,,,,unlabelled,automatic,not identified,,\n\
              img_2.png,C1.O,10.00000,20.00000,0.02000,,,,,rejected,automatic,the image is not oriented: too few codes,,\n"
         );
+    }
+
+    #[test]
+    fn eccentricity_is_told_where_the_circle_is_known() {
+        let mut network = fixture::network();
+        let cross: PointId = "cross:1".parse().unwrap();
+        let points = Arc::make_mut(&mut network.points);
+        let point = Arc::make_mut(points.get_mut(&cross).unwrap());
+        let circle = Circle {
+            normal: Vector3::new(0.6, 0.0, 0.8),
+            radius_mm: 20.0,
+        };
+        point.circle = Some(circle);
+        let place = point.position;
+        let csv = export_observations(&network).unwrap();
+        let (_, image, station) = network.oriented_images().next().unwrap();
+        let camera = &network.camera_of(image).camera;
+        let expected = camera.eccentricity(&station.pose, &place, &circle).unwrap();
+        assert!(expected.norm() > 0.01, "{expected}");
+        for line in csv.lines().skip(1) {
+            let row = fields(line);
+            if row[1] == "X1" {
+                let told = Vector2::new(row[12].parse().unwrap(), row[13].parse().unwrap());
+                assert!((told - expected).amax() <= 0.5e-5 + 1e-12);
+            } else {
+                assert_eq!(row[12..], ["", ""], "{line}");
+            }
+        }
     }
 
     #[test]

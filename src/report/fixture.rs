@@ -26,6 +26,7 @@ pub(crate) fn network() -> Network {
             position: Vector3::new(x, y, z),
             covariance: Some(Matrix3::from_diagonal(&Vector3::new(1e-4, 4e-4, 9e-4))),
             rays: 2,
+            circle: None,
         })
     };
     let points = [

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use super::bundle::{Bundle, BundleFailure, DatumPoints, adjust_what_holds, restore_rejected};
+use super::circles::{self, SETTLED_PX};
 use super::code_shape::CodeShapes;
 use super::lens::{IMAGES_FOR_ALL, LensFreedom, images_of_cameras};
 use super::scale::{
@@ -28,6 +29,9 @@ const SHARE_TO_SET_ASIDE: f64 = 0.5;
 
 /// Share of an image's dots above which their rejection speaks against the image.
 const SHARE_TO_DOUBT_IMAGE: f64 = 0.5;
+
+/// Rounds of estimating circles and adjusting at most; two are the rule, since a circle depends on the network little.
+const ROUNDS_OF_CIRCLES: usize = 5;
 
 /// What the operator reads where self-calibration was not possible.
 const LOOSE_LENS: &str = "the images cannot tell all lens parameters: those they leave loose are held near nominal values";
@@ -72,6 +76,7 @@ pub(super) fn adjust(network: &mut Network, stage: Stage, monitor: &Monitor) -> 
         frame.asked = network.frame;
     }
     apply_frame(network);
+    settle_circles(network, stage, monitor)?;
     let problem = network.frame_problem(&frame.asked);
     frame.refused = problem.map(|problem| problem.to_string());
     let points = match frame.asked {
@@ -104,6 +109,30 @@ pub(super) fn adjust(network: &mut Network, stage: Stage, monitor: &Monitor) -> 
         frame,
         ..bundle.result(network, stage, &robust.adjustment)
     }));
+    Ok(())
+}
+
+/// Estimates the circles of the targets from the network, adjusts with them, and again, until no eccentricity changes any
+/// more. What these adjustments reject counts for them alone.
+///
+/// Between two passes of identification the circles are estimated once: names do not depend on the last of it.
+fn settle_circles(network: &mut Network, stage: Stage, monitor: &Monitor) -> Result<(), Halt> {
+    let rounds = match stage {
+        Stage::Identify => 0,
+        _ => ROUNDS_OF_CIRCLES,
+    };
+    let task = monitor.task("Estimating circles", 0);
+    for round in 0..=rounds {
+        task.step()?;
+        let (before, now) = (circles::carried(network), circles::estimated(network));
+        let change = circles::largest_change(network, &before, &now);
+        circles::carry(network, &now);
+        if round == rounds || (round > 0 && change < SETTLED_PX) {
+            break;
+        }
+        let (bundle, robust) = solve(network, stage, None, monitor).map_err(halt)?;
+        bundle.write_back(network, &robust.adjustment);
+    }
     Ok(())
 }
 

@@ -150,7 +150,10 @@ impl Bundle {
 
         let mut blocks: Vec<PointBlock> = points
             .iter()
-            .map(|id| PointBlock::unknown(network.points[id].position))
+            .map(|id| PointBlock {
+                circle: network.points[id].circle,
+                ..PointBlock::unknown(network.points[id].position)
+            })
             .collect();
         let known = add_control(network, &point_index, &mut blocks);
         let (datum, in_words) = if known {
@@ -304,6 +307,7 @@ impl Bundle {
                 position: adjusted.position,
                 covariance: adjusted.covariance,
                 rays: adjusted.rays as u32,
+                circle: adjusted.circle,
             };
             points.insert(*id, Arc::new(point));
         }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::code_shape::{CodeShapes, normal_of_code};
 use super::set_aside::{OF_OTHER_TARGETS, codes_set_aside, set_code_aside};
-use super::{Halt, adjust};
+use super::{Halt, adjust, circles};
 use crate::matching::{
     Identification, IdentificationInput, IdentificationSettings, KnownCircle, KnownPoint, Leftover,
     LeftoverReason, Member, ObjectSpace, Track, View, ViewDot, identify,
@@ -24,7 +24,7 @@ const MAX_PASSES: usize = 8;
 /// parameters from the codes alone do not yet hold in the corners.
 const FIRST_TOLERANCE_PX: f64 = 0.3;
 
-/// Least tolerance afterwards, px: eccentricity of the circles' images reaches 0.05 px.
+/// Least tolerance afterwards, px: three sigmas of a good dot.
 const LEAST_TOLERANCE_PX: f64 = 0.06;
 
 /// By how much of its diagonal the space of the known points is widened to hold all targets.
@@ -100,10 +100,12 @@ pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> 
 fn tolerance_px(network: &Network) -> f64 {
     let adjusted_with_targets =
         |a: &&Arc<AdjustmentResult>| matches!(a.stage, Stage::Identify | Stage::Adjust);
-    match network.adjustment.as_ref().filter(adjusted_with_targets) {
+    let of_lens = match network.adjustment.as_ref().filter(adjusted_with_targets) {
         Some(adjustment) => (3.0 * adjustment.rms_px).clamp(LEAST_TOLERANCE_PX, FIRST_TOLERANCE_PX),
         None => FIRST_TOLERANCE_PX,
-    }
+    };
+    // Identification takes a dot for the image of its target's centre.
+    of_lens.max(circles::largest_eccentricity(network))
 }
 
 /// An image's view for identification with the places of its dots in the image's detections.
@@ -257,6 +259,7 @@ impl Names<'_> {
                 position: track.position,
                 covariance: None,
                 rays: track.members.len() as u32,
+                circle: None,
             };
             Arc::make_mut(&mut network.points).insert(point, Arc::new(coordinates));
             for member in &track.members {

@@ -9,6 +9,9 @@
 mod adjust;
 mod bundle;
 mod by_hand;
+#[cfg(test)]
+mod circle_tests;
+mod circles;
 mod code_shape;
 mod connect;
 mod detect;

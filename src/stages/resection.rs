@@ -382,6 +382,7 @@ pub(super) fn intersect_new_points(network: &mut Network) {
                 position,
                 covariance: None,
                 rays: sights.len() as u32,
+                circle: None,
             };
             points.insert(*id, Arc::new(point));
         }

@@ -82,7 +82,7 @@ fn apply_scale(network: &mut Network) {
     }
 }
 
-/// Moves the whole network (points, stations, their covariances) by a similarity.
+/// Moves the whole network (points with their circles, stations, all covariances) by a similarity.
 pub(super) fn transform(network: &mut Network, similarity: &Similarity) {
     let rotation = similarity.rotation;
     let spread = similarity.scale * rotation.matrix();
@@ -90,6 +90,7 @@ pub(super) fn transform(network: &mut Network, similarity: &Similarity) {
         let point = Arc::make_mut(point);
         point.position = similarity.apply(&point.position);
         point.covariance = point.covariance.map(|q| spread * q * spread.transpose());
+        point.circle = point.circle.map(|circle| circle.moved(similarity));
     }
     // Excluded images too: one that is used again must not stand in an old frame.
     let ids: Vec<_> = network.images.keys().copied().collect();

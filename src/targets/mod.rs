@@ -19,7 +19,7 @@
 //! | largest error without noise, px | 0.0034 | 0.0026 | 0.0062 | 0.0010 | 0.0011 | 0.0003 | 0.0003 | 0.0003 |
 //!
 //! The 0.006 px are those of 8 px dots at 70 degrees under a blur of 2 px, which is more than their smaller semi-axis; up to a
-//! blur of 1.2 px it is 0.0015 px.
+//! blur of 1.2 px it is 0.0009 px.
 //! A peak of just 5 sigmas is not found, whatever the size: detection begins there. The plot is `assets/centres.svg`.
 //!
 //! Ring codes are read in the frame that their dot's ellipse gives, corrected by the ring's own edges; the rule is to

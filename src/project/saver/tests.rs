@@ -58,6 +58,7 @@ fn put(session: &mut Session, title: &str, x: f64) {
             position: Vector3::new(x, 0.0, 0.0),
             covariance: None,
             rays: 2,
+            circle: None,
         };
         Arc::make_mut(&mut network.points).insert(PointId::Target(1), Arc::new(point));
         Ok(())

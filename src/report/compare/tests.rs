@@ -52,6 +52,7 @@ fn scene(scale: f64, seed: u64) -> (Network, Vec<ReferencePoint>) {
                 SIGMA_MM.map(|s| s * s),
             ))),
             rays: 5,
+            circle: None,
         };
         points.insert(id, Arc::new(point));
         let known = truth.apply(&place);

@@ -28,8 +28,8 @@ pub(super) fn place_in_image(
     }
     let pose = &entry.station.as_ref()?.pose;
     let camera = &network.cameras.get(&entry.camera)?.camera;
-    let position = network.points.get(&point)?.position;
-    let place = camera.project(&pose.camera_from_point(&position))?;
+    let point = network.points.get(&point)?;
+    let place = camera.image_of_target(pose, &point.position, point.circle.as_ref())?;
     let inside = place.x >= 0.0
         && place.y >= 0.0
         && place.x <= f64::from(entry.file.width_px)

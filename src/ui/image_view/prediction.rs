@@ -34,8 +34,8 @@ pub enum Facing {
     Unknown,
 }
 
-/// Standard deviation of a predicted place besides those of station and point, px: eccentricity, and a lens that is not
-/// known to the last. Without it points known to a micrometre would count as far from any dot.
+/// Standard deviation of a predicted place besides those of station and point, px: a circle or a lens that is
+/// not known to the last. Without it points known to a micrometre would count as far from any dot.
 const FLOOR_PX: f64 = 0.3;
 
 /// How badly a place of an image fits a point.
@@ -85,6 +85,12 @@ impl<'a> Sight<'a> {
         self.camera.project(&self.pose.camera_from_point(point))
     }
 
+    /// Where the dot of a target should be measured, inside the picture or not.
+    pub(super) fn image_of(&self, target: &Point) -> Option<Vector2<f64>> {
+        self.camera
+            .image_of_target(self.pose, &target.position, target.circle.as_ref())
+    }
+
     /// How badly a place fits a point; `None` where the point is behind the camera.
     pub(super) fn misfit(&self, point: &Point, place_px: Vector2<f64>) -> Option<Misfit> {
         let in_camera = self.pose.camera_from_point(&point.position);
@@ -101,7 +107,7 @@ impl<'a> Sight<'a> {
             by_pose.fixed_view_mut::<2, 3>(0, 3).copy_from(&-turned);
             spread += by_pose * covariance * by_pose.transpose();
         }
-        let apart = projection.pixel - place_px;
+        let apart = self.image_of(point)? - place_px;
         let squared = apart.dot(&(spread.try_inverse()? * apart));
         Some(Misfit {
             distance_px: apart.norm(),
@@ -178,7 +184,7 @@ fn places_without_dot(network: &Network, entry: &ImageEntry) -> Vec<(PointId, Ve
         if labelled.binary_search(id).is_ok() {
             continue;
         }
-        if let Some(place_px) = sight.project(&point.position)
+        if let Some(place_px) = sight.image_of(point)
             && sight.camera.contains(&place_px)
             && !has_near(&rows, place_px)
         {

@@ -98,6 +98,7 @@ fn scene() -> &'static Scene {
                 position: Vector3::from(*place),
                 covariance: None,
                 rays: 3,
+                circle: None,
             };
             Some((point_of(label)?, Arc::new(point)))
         });

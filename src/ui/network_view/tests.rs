@@ -86,6 +86,7 @@ pub(super) fn ring_network(stations: u32, points: u32) -> Network {
                 position,
                 covariance: None,
                 rays: 4,
+                circle: None,
             }),
         );
     }
@@ -138,6 +139,7 @@ fn box_point(number: u32, points: u32) -> Point {
         position: Vector3::new(x, y, 300.0 * part),
         covariance: Some(covariance),
         rays: 4 + number % 9,
+        circle: None,
     }
 }
 

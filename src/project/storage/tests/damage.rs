@@ -118,6 +118,7 @@ fn a_flipped_digit_is_noticed() {
             position: Vector3::new(123.456_789, 0.0, 0.0),
             covariance: None,
             rays: 2,
+            circle: None,
         }),
     );
     drop(Store::create(&file, &network).unwrap());

@@ -99,6 +99,7 @@ fn network(images: u32, mut next: impl FnMut() -> f64) -> Network {
             position: Vector3::from_fn(|_, _| next()),
             covariance: Some(Matrix3::from_fn(|_, _| next())),
             rays: 3,
+            circle: None,
         };
         (id, Arc::new(point))
     });

@@ -3,6 +3,7 @@
 use egui::{Grid, RichText, Ui};
 
 use super::{decision, facts, image_link};
+use crate::geometry::Circle;
 use crate::network::{PointId, PointKind};
 use crate::ui::action::Action;
 use crate::ui::context::ViewContext;
@@ -78,7 +79,13 @@ fn coordinates(ui: &mut Ui, context: &ViewContext<'_>, id: PointId) {
                 ui.end_row();
             }
         });
-    facts(ui, "rays", &[("rays used", point.rays.to_string())]);
+    let mut known = vec![("rays used", point.rays.to_string())];
+    if let Some(Circle { normal, radius_mm }) = point.circle {
+        let [x, y, z] = normal.into();
+        known.push(("diameter", format!("{:.2} mm", 2.0 * radius_mm)));
+        known.push(("normal", format!("{x:.3}, {y:.3}, {z:.3}")));
+    }
+    facts(ui, "rays", &known);
 }
 
 fn row(

@@ -356,7 +356,8 @@ impl View<'_> {
             .iter()
             .filter(|(point, _)| !named.contains(point))
             .filter_map(|(point, p)| {
-                let place_px = camera.project(&station.pose.camera_from_point(&p.position))?;
+                let place_px =
+                    camera.image_of_target(&station.pose, &p.position, p.circle.as_ref())?;
                 camera.contains(&place_px).then_some(Prediction {
                     point: *point,
                     place_px,

@@ -65,6 +65,7 @@ fn a_dot_near_a_missing_target_is_offered_its_name() {
         position,
         covariance: None,
         rays: 2,
+        circle: None,
     };
     Arc::make_mut(&mut network.points).insert(point, Arc::new(missing));
     assert!(of_kind(&network, ReviewKind::UnnamedDot).is_empty());

@@ -84,6 +84,7 @@ fn with_a_missed_target() -> (Network, PointId, Vector2<f64>) {
         position,
         covariance: None,
         rays: 2,
+        circle: None,
     };
     Arc::make_mut(&mut network.points).insert(point, Arc::new(coordinates));
     let label = Label {
