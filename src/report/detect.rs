@@ -134,7 +134,7 @@ pub fn detect_line(image: &str, detections: &Detections) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::targets::{CodeReading, DotIndex, Rejected};
+    use crate::targets::{CodeEvidence, CodeReading, DotIndex, Rejected};
     use nalgebra::Vector2;
 
     #[test]
@@ -154,6 +154,7 @@ mod tests {
             dots: dots.iter().map(|&d| DotIndex(d)).collect(),
             misfit: 0.1,
             doubt: None,
+            evidence: CodeEvidence::default(),
         };
         let detections = Detections {
             width_px: 20,

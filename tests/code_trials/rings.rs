@@ -150,6 +150,7 @@ impl Scene {
                 .rings
                 .iter()
                 .any(|ring| ring.id == code.id && ring.view.plane(centre).norm() < 0.5);
+            if std::env::var_os("DBG").is_some() { println!("EV {right} {} {:.2} {} {:?}", code.id, code.evidence.fit, code.evidence.departing_segments, code.doubt); }
             let counter = match (right, &code.doubt) {
                 (true, None) => &mut tally.read,
                 (true, Some(_)) => &mut tally.doubtful,

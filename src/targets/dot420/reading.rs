@@ -310,6 +310,7 @@ impl Judged {
             dots: dots.to_vec(),
             misfit: self.hypothesis.plane.rms_px,
             doubt: (!self.doubts.is_empty()).then(|| self.doubts.join("; ")),
+            evidence: crate::targets::CodeEvidence::default(),
         }
     }
 }
