@@ -303,7 +303,11 @@ struct Pattern {
 
 fn decide(
     view: &View,
-    dot: &MeasuredDot, ring: &Unrolled, frame: &RingFrame, segments: &[u8]) -> RingOutcome {
+    dot: &MeasuredDot,
+    ring: &Unrolled,
+    frame: &RingFrame,
+    segments: &[u8],
+) -> RingOutcome {
     /// Changes between light and dark lie this near to the grid, in segments.
     const LARGEST_EDGE_RMS: f64 = 0.16;
     const LARGEST_EDGE: f64 = 0.34;

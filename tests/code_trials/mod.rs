@@ -5,8 +5,8 @@
 //! [`six_dots`] simulates measured dots, [`rings`] and [`rendered`] make small pictures and go through detection.
 #![allow(dead_code, reason = "every program uses its own part")]
 
-pub(crate) mod plane_view;
 pub(crate) mod picture;
+pub(crate) mod plane_view;
 pub(crate) mod rendered;
 pub(crate) mod rings;
 pub(crate) mod six_dots;

@@ -49,7 +49,11 @@ pub(crate) fn picture(
     let both = turned(&blurred(&upright, height, exposure.blur_px), height);
     let samples = both
         .iter()
-        .map(|&v| (v + exposure.noise * normal(random)).round().clamp(0.0, 255.0) as u16)
+        .map(|&v| {
+            (v + exposure.noise * normal(random))
+                .round()
+                .clamp(0.0, 255.0) as u16
+        })
         .collect();
     GreyImage::new(width as u32, height as u32, BitDepth::Eight, samples)
         .expect("as many samples as pixels")

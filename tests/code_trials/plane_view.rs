@@ -35,7 +35,9 @@ impl PlaneView {
         let to_px = to_image * pose;
         Self {
             to_px,
-            from_px: to_px.try_inverse().expect("the camera stands off the plane"),
+            from_px: to_px
+                .try_inverse()
+                .expect("the camera stands off the plane"),
             middle,
             bend: Vector2::zeros(),
         }

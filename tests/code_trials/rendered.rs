@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
-use tiepoint::targets::{Detections, DetectSettings, Dot, DotIndex, Family, detect};
+use tiepoint::targets::{DetectSettings, Detections, Dot, DotIndex, Family, detect};
 
 use super::picture::{Exposure, picture};
 use super::plane_view::PlaneView;
@@ -41,7 +41,9 @@ fn trial(
     let light = random.random_range(100.0..200.0);
     let grey = |px: Vector2<f64>| {
         let plane = view.plane(px);
-        let lit = discs.iter().any(|disc| (plane - disc).norm_squared() < DOT_MM * DOT_MM / 4.0);
+        let lit = discs
+            .iter()
+            .any(|disc| (plane - disc).norm_squared() < DOT_MM * DOT_MM / 4.0);
         if lit { light } else { 12.0 }
     };
     let image = picture([side; 2], grey, &Exposure::default(), random);
@@ -75,9 +77,13 @@ pub(crate) fn kinds() -> Vec<Kind> {
         let view = [r.random_range(0.0..65.0), r.random_range(7.0..14.0)];
         trial(r, view, 60, 0)
     }));
-    kinds.push(Kind::new(Family::Dot420, "rendered, cover in field dense", |r| {
-        let view = [r.random_range(0.0..65.0), r.random_range(7.0..14.0)];
-        trial(r, view, 60, 1)
-    }));
+    kinds.push(Kind::new(
+        Family::Dot420,
+        "rendered, cover in field dense",
+        |r| {
+            let view = [r.random_range(0.0..65.0), r.random_range(7.0..14.0)];
+            trial(r, view, 60, 1)
+        },
+    ));
     kinds
 }

@@ -19,19 +19,31 @@ struct Cover {
 
 enum CoverShape {
     /// Everything farther than `offset` along `normal`.
-    Half { normal: Vector2<f64>, offset: f64 },
+    Half {
+        normal: Vector2<f64>,
+        offset: f64,
+    },
     /// A strip of this width.
-    Strip { normal: Vector2<f64>, offset: f64, width: f64 },
-    Disc { middle: Vector2<f64>, radius: f64 },
+    Strip {
+        normal: Vector2<f64>,
+        offset: f64,
+        width: f64,
+    },
+    Disc {
+        middle: Vector2<f64>,
+        radius: f64,
+    },
 }
 
 impl CoverShape {
     fn hides(&self, px: Vector2<f64>) -> bool {
         match self {
             Self::Half { normal, offset } => normal.dot(&px) > *offset,
-            Self::Strip { normal, offset, width } => {
-                (0.0..*width).contains(&(normal.dot(&px) - offset))
-            }
+            Self::Strip {
+                normal,
+                offset,
+                width,
+            } => (0.0..*width).contains(&(normal.dot(&px) - offset)),
             Self::Disc { middle, radius } => (px - middle).norm() < *radius,
         }
     }
@@ -118,7 +130,12 @@ impl Scene {
     fn of_one(segments: u8, incidence_deg: f64, dot_px: f64, random: &mut ChaCha8Rng) -> Self {
         let radius = dot_px / 2.0;
         let side = ((8.0 * radius).ceil() as usize + 8).max(48);
-        let view = view_at(Vector2::repeat(side as f64 / 2.0), radius, incidence_deg, random);
+        let view = view_at(
+            Vector2::repeat(side as f64 / 2.0),
+            radius,
+            incidence_deg,
+            random,
+        );
         Self {
             size: [side; 2],
             rings: vec![Ring::any(segments, view, random)],
@@ -134,8 +151,15 @@ impl Scene {
                 return cover.grey;
             }
             let light = self.rings.iter().any(|ring| ring.is_light(px))
-                || self.discs.iter().any(|(m, r)| (px - m).norm_squared() < r * r);
-            if light { self.light.target } else { self.light.ground }
+                || self
+                    .discs
+                    .iter()
+                    .any(|(m, r)| (px - m).norm_squared() < r * r);
+            if light {
+                self.light.target
+            } else {
+                self.light.ground
+            }
         };
         let image = picture(self.size, grey, &Exposure::default(), random);
         let families = [Family::Ring(self.rings[0].segments)];
@@ -150,7 +174,6 @@ impl Scene {
                 .rings
                 .iter()
                 .any(|ring| ring.id == code.id && ring.view.plane(centre).norm() < 0.5);
-            if std::env::var_os("DBG").is_some() { println!("EV {right} {} {:.2} {} {:?}", code.id, code.evidence.fit, code.evidence.departing_segments, code.doubt); }
             let counter = match (right, &code.doubt) {
                 (true, None) => &mut tally.read,
                 (true, Some(_)) => &mut tally.doubtful,
@@ -175,7 +198,12 @@ fn view_at(
         incidence_deg.to_radians(),
         random.random_range(0.0..PI),
     ];
-    PlaneView::new(middle + off, radius, angles, random.random_range(120.0..400.0))
+    PlaneView::new(
+        middle + off,
+        radius,
+        angles,
+        random.random_range(120.0..400.0),
+    )
 }
 
 /// A code at an incidence up to 60 degrees, its dot 9 to 16 px across; larger by half for twenty segments.
@@ -183,11 +211,18 @@ fn of_any(segments: u8, random: &mut ChaCha8Rng) -> (Scene, f64) {
     let incidence = random.random_range(0.0..60.0);
     let finer = if segments == 20 { 1.5 } else { 1.0 };
     let dot_px = random.random_range(9.0..16.0) * finer;
-    (Scene::of_one(segments, incidence, dot_px, random), dot_px / 2.0)
+    (
+        Scene::of_one(segments, incidence, dot_px, random),
+        dot_px / 2.0,
+    )
 }
 
 /// A hand, a cable, a tape before part of the ring, never before the dot.
-fn covered(segments: u8, grey: impl Fn(Light, &mut ChaCha8Rng) -> f64, random: &mut ChaCha8Rng) -> Tally {
+fn covered(
+    segments: u8,
+    grey: impl Fn(Light, &mut ChaCha8Rng) -> f64,
+    random: &mut ChaCha8Rng,
+) -> Tally {
     let (mut scene, radius) = of_any(segments, random);
     let middle = scene.rings[0].view.px(Vector2::zeros());
     let direction = random.random_range(0.0..TAU);
@@ -282,7 +317,11 @@ fn under_distortion(segments: u8, random: &mut ChaCha8Rng) -> Tally {
 pub(crate) fn kinds(segments: u8) -> Vec<Kind> {
     let family = Family::Ring(segments);
     let mut kinds = Vec::new();
-    let sizes = if segments == 20 { [12.0, 20.0] } else { [8.0, 12.0] };
+    let sizes = if segments == 20 {
+        [12.0, 20.0]
+    } else {
+        [8.0, 12.0]
+    };
     for dot_px in sizes {
         for incidence in [0.0, 20.0, 40.0, 60.0, 70.0] {
             let name = format!("clean {incidence:.0} deg {dot_px:.0} px");
@@ -291,9 +330,15 @@ pub(crate) fn kinds(segments: u8) -> Vec<Kind> {
             }));
         }
     }
-    kinds.push(Kind::new(family, "lens", move |r| under_distortion(segments, r)));
-    kinds.push(Kind::new(family, "clutter", move |r| cluttered(segments, r)));
-    kinds.push(Kind::new(family, "side by side", move |r| side_by_side(segments, r)));
+    kinds.push(Kind::new(family, "lens", move |r| {
+        under_distortion(segments, r)
+    }));
+    kinds.push(Kind::new(family, "clutter", move |r| {
+        cluttered(segments, r)
+    }));
+    kinds.push(Kind::new(family, "side by side", move |r| {
+        side_by_side(segments, r)
+    }));
     kinds.push(Kind::new(family, "one segment changed", move |r| {
         sector(segments, [1.0, 1.0], true, r)
     }));
@@ -301,10 +346,18 @@ pub(crate) fn kinds(segments: u8) -> Vec<Kind> {
         sector(segments, [0.3, 4.0], false, r)
     }));
     kinds.push(Kind::new(family, "cover, its own grey", move |r| {
-        covered(segments, |light, r| light.ground + signed(r, 8.0..60.0, light.ground), r)
+        covered(
+            segments,
+            |light, r| light.ground + signed(r, 8.0..60.0, light.ground),
+            r,
+        )
     }));
     kinds.push(Kind::new(family, "cover, light", move |r| {
-        covered(segments, |light, r| light.target * r.random_range(0.3..1.0), r)
+        covered(
+            segments,
+            |light, r| light.target * r.random_range(0.3..1.0),
+            r,
+        )
     }));
     kinds.push(Kind::new(family, "cover, the ground's grey", move |r| {
         covered(segments, |light, _| light.ground, r)
@@ -315,5 +368,9 @@ pub(crate) fn kinds(segments: u8) -> Vec<Kind> {
 /// A difference within `range`, downward half of the time where that leaves a grey value.
 fn signed(random: &mut ChaCha8Rng, range: std::ops::Range<f64>, above: f64) -> f64 {
     let size = random.random_range(range);
-    if size < above && random.random_range(0..2) == 0 { -size } else { size }
+    if size < above && random.random_range(0..2) == 0 {
+        -size
+    } else {
+        size
+    }
 }

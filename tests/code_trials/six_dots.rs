@@ -146,7 +146,9 @@ fn measured(camera: &Camera, pose: &Pose, disc: &Disc, random: &mut ChaCha8Rng) 
     let moments: Matrix2<f64> = second / area - middle * middle.transpose();
     // Eigenvalues of the moments are a quarter of the squared semi-axes.
     let half_trace = moments.trace() / 2.0;
-    let spread = (half_trace * half_trace - moments.determinant()).max(0.0).sqrt();
+    let spread = (half_trace * half_trace - moments.determinant())
+        .max(0.0)
+        .sqrt();
     let direction = 0.5 * (2.0 * moments[(0, 1)]).atan2(moments[(0, 0)] - moments[(1, 1)]);
     let mut diameter = |moment: f64| {
         let d = 4.0 * moment.max(0.0).sqrt();
@@ -155,7 +157,11 @@ fn measured(camera: &Camera, pose: &Pose, disc: &Disc, random: &mut ChaCha8Rng) 
     let (d1, d2) = (diameter(half_trace + spread), diameter(half_trace - spread));
     let sigma_px = 0.08 / d2.max(1.0).sqrt();
     let off = Vector2::new(normal(random), normal(random)) * sigma_px;
-    let turned = if d2 > d1 { std::f64::consts::FRAC_PI_2 } else { 0.0 };
+    let turned = if d2 > d1 {
+        std::f64::consts::FRAC_PI_2
+    } else {
+        0.0
+    };
     Some(Dot {
         centre_px: base + middle + off,
         sigma_px: sigma_px * random.random_range(0.7..1.2),
@@ -223,7 +229,10 @@ impl Scene {
     /// Photographs the scene so that `middle` is seen in its place, reads it and compares with truth.
     fn trial(&self, middle: Vector2<f64>, view: &View, random: &mut ChaCha8Rng) -> Tally {
         let (dots, truth) = self.photographed(middle, view, random);
-        judge(&read_dot420(&dots, &Dot420Settings::default()).codes, &truth)
+        judge(
+            &read_dot420(&dots, &Dot420Settings::default()).codes,
+            &truth,
+        )
     }
 
     /// The dots in the picture by rows, as detection gives them, and the codes that are whole.
@@ -234,12 +243,16 @@ impl Scene {
         random: &mut ChaCha8Rng,
     ) -> (Vec<Dot>, Vec<(u32, Vec<DotIndex>)>) {
         let (camera, pose) = (camera(view.lens), pose(middle, view));
-        let own = self.codes.iter().enumerate().flat_map(|(code, (_, discs))| {
-            discs
-                .iter()
-                .enumerate()
-                .filter_map(move |(k, disc)| Some((Some((code, k)), (*disc)?)))
-        });
+        let own = self
+            .codes
+            .iter()
+            .enumerate()
+            .flat_map(|(code, (_, discs))| {
+                discs
+                    .iter()
+                    .enumerate()
+                    .filter_map(move |(k, disc)| Some((Some((code, k)), (*disc)?)))
+            });
         let others = self.others.iter().map(|disc| (None, *disc));
         let mut seen: Vec<(Option<(usize, usize)>, Dot)> = own
             .chain(others)
@@ -292,14 +305,18 @@ pub(crate) fn any_code(random: &mut ChaCha8Rng) -> (u32, Vec<Vector2<f64>>, Vect
 
 fn clean(random: &mut ChaCha8Rng, view: &View) -> Tally {
     let (id, places, middle) = any_code(random);
-    Scene::default().with_code(id, &places).trial(middle, view, random)
+    Scene::default()
+        .with_code(id, &places)
+        .trial(middle, view, random)
 }
 
 /// A code among plain targets, `tries` of them thrown onto 150 x 150 mm, with `hidden` of its dots hidden.
 fn in_field(random: &mut ChaCha8Rng, tries: usize, hidden: usize) -> Tally {
     let (id, places, middle) = any_code(random);
     let others = thrown(&places, middle, 75.0, tries, random);
-    let mut scene = Scene::default().with_code(id, &places).with_targets(&others);
+    let mut scene = Scene::default()
+        .with_code(id, &places)
+        .with_targets(&others);
     scene.hide(0, hidden, random);
     let view = View::any(random);
     scene.trial(middle, &view, random)
@@ -368,10 +385,15 @@ fn side_by_side(random: &mut ChaCha8Rng, hidden: usize) -> Tally {
             let own = code_places(id, Vector2::zeros(), turn);
             let middle = (own[1] + own[2]) / 2.0;
             let wanted = Vector2::new(f64::from(cell % 2) - 0.5, f64::from(cell / 2) - 0.5) * 36.0
-                + Vector2::new(random.random_range(-9.0..9.0), random.random_range(-9.0..9.0));
+                + Vector2::new(
+                    random.random_range(-9.0..9.0),
+                    random.random_range(-9.0..9.0),
+                );
             let places: Vec<Vector2<f64>> = own.iter().map(|p| p - middle + wanted).collect();
             let apart = |p: &Vector2<f64>| {
-                taken.iter().all(|t| (t - p).norm() >= GUARD_PITCHES * PITCH_MM)
+                taken
+                    .iter()
+                    .all(|t| (t - p).norm() >= GUARD_PITCHES * PITCH_MM)
             };
             if places.iter().all(apart) {
                 taken.extend(&places);
@@ -393,11 +415,17 @@ fn under_distortion(random: &mut ChaCha8Rng) -> Tally {
     let mut view = View::any(random);
     view.lens = 2.0;
     let side = |random: &mut ChaCha8Rng| {
-        let sign = if random.random_range(0..2) == 0 { -1.0 } else { 1.0 };
+        let sign = if random.random_range(0..2) == 0 {
+            -1.0
+        } else {
+            1.0
+        };
         sign * random.random_range(0.6..0.85)
     };
     view.aside = [side(random), side(random)];
-    Scene::default().with_code(id, &places).trial(middle, &view, random)
+    Scene::default()
+        .with_code(id, &places)
+        .trial(middle, &view, random)
 }
 
 pub(crate) fn kinds() -> Vec<Kind> {
@@ -431,13 +459,28 @@ pub(crate) fn kinds() -> Vec<Kind> {
             }),
         ));
     }
-    kinds.push(kind("cover".into(), Box::new(|random| {
-        let hidden = random.random_range(1..=3);
-        in_field(random, 0, hidden)
-    })));
-    kinds.push(kind("plain thrown".into(), Box::new(|r| plain_targets(r, false))));
-    kinds.push(kind("plain rows".into(), Box::new(|r| plain_targets(r, true))));
-    kinds.push(kind("side by side".into(), Box::new(|r| side_by_side(r, 0))));
-    kinds.push(kind("side by side, cover".into(), Box::new(|r| side_by_side(r, 1))));
+    kinds.push(kind(
+        "cover".into(),
+        Box::new(|random| {
+            let hidden = random.random_range(1..=3);
+            in_field(random, 0, hidden)
+        }),
+    ));
+    kinds.push(kind(
+        "plain thrown".into(),
+        Box::new(|r| plain_targets(r, false)),
+    ));
+    kinds.push(kind(
+        "plain rows".into(),
+        Box::new(|r| plain_targets(r, true)),
+    ));
+    kinds.push(kind(
+        "side by side".into(),
+        Box::new(|r| side_by_side(r, 0)),
+    ));
+    kinds.push(kind(
+        "side by side, cover".into(),
+        Box::new(|r| side_by_side(r, 1)),
+    ));
     kinds
 }

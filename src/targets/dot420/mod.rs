@@ -25,6 +25,7 @@ mod neighbours;
 mod outline;
 mod plane;
 mod reading;
+mod rivals;
 mod settings;
 #[cfg(test)]
 mod simulation;

@@ -16,7 +16,13 @@ use super::{DIRECTIONS, Pattern, RingFrame, direction, share};
 use crate::targets::dot::{MeasuredDot, View};
 
 /// Bands of radii, in radii of the dot: the gap, the ring in three parts, its outer edge.
-const BANDS: [[f64; 2]; 5] = [[1.45, 1.7], [2.0, 2.35], [2.35, 2.65], [2.65, 3.0], [3.0, 3.25]];
+const BANDS: [[f64; 2]; 5] = [
+    [1.45, 1.7],
+    [2.0, 2.35],
+    [2.35, 2.65],
+    [2.65, 3.0],
+    [3.0, 3.25],
+];
 /// Samples across a band.
 const ACROSS: usize = 3;
 /// Cells a segment.
@@ -140,7 +146,10 @@ pub(super) fn ring_evidence(
 
 /// How many pixels a sample stands for, on the average of the bands.
 fn pixels_per_sample(radius_px: f64) -> f64 {
-    let area: f64 = BANDS.iter().map(|[low, high]| high * high - low * low).sum();
+    let area: f64 = BANDS
+        .iter()
+        .map(|[low, high]| high * high - low * low)
+        .sum();
     let samples = (DIRECTIONS / 2 * BANDS.len() * ACROSS) as f64;
     std::f64::consts::PI * area * radius_px * radius_px / samples
 }
@@ -237,7 +246,10 @@ fn level(samples: &[Sample], ground: &SVector<f64, 3>) -> Option<f64> {
     let lighter = samples.iter().filter(|s| s.expected > 0.6);
     let mut levels: Vec<f64> = lighter.map(|s| s.above(ground) / s.expected).collect();
     levels.sort_by(f64::total_cmp);
-    levels.get(levels.len() / 2).copied().filter(|&level| level > 0.1)
+    levels
+        .get(levels.len() / 2)
+        .copied()
+        .filter(|&level| level > 0.1)
 }
 
 /// The ground as a plane (mean, slopes by radii of the dot) through the samples where the code is dark; what departs from
