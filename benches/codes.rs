@@ -1,5 +1,5 @@
 //! Codes under hard conditions against truth: `cargo bench --bench codes -- N [FAMILY] [KIND]` (N trials of every kind of the
-//! families and kinds whose names hold these words; without N a thousand).
+//! families and kinds whose names begin with these words; without N a thousand).
 
 #![allow(clippy::print_stdout, reason = "a program whose result is its table")]
 
@@ -18,7 +18,8 @@ fn main() {
     let count: u64 = words.first().map_or(1000, |word| {
         word.parse().expect("the number of trials comes first")
     });
-    let wanted = |place: usize, name: &str| words.get(place).is_none_or(|word| name.contains(word));
+    let wanted =
+        |place: usize, name: &str| words.get(place).is_none_or(|word| name.starts_with(word));
     println!(
         "| family | kind | trials | read | doubtful | not read | wrong, without a doubt | 95 % bound | wrong, with a doubt | s |"
     );

@@ -3,7 +3,8 @@
 //! The dot's ellipse is the affine frame of the code: in its units the ring lies between 2 and 3. Where the ring is
 //! light its inner and outer edges are seen, and correct the frame for perspective and for the poor shape of a small
 //! dot. Then the ring is unrolled, the changes between light and dark must lie on the grid of the segments, light segments must be as
-//! light as the dot, dark ones dark, and the gap between dot and ring dark all round.
+//! light as the dot, dark ones dark, and the gap between dot and ring dark all round. At last the picture is held against the
+//! one that the number says ([`evidence`]): where a segment departs, the reading carries a doubt.
 
 mod evidence;
 
@@ -340,7 +341,9 @@ fn decide(
         p.edge_rms < 1.7 * best.edge_rms + 0.02 && ring_number(p.bits, p.segments).is_some()
     });
     let Some(found) = ring_evidence(view, dot, frame, best, &ring.light) else {
-        return RingOutcome::Unreadable("the ring reaches beyond the picture".into());
+        return RingOutcome::Unreadable(
+            "its ring is cut off or too faint to be compared with its number".into(),
+        );
     };
     let evidence = CodeEvidence {
         fit: found.departure,

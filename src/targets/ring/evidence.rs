@@ -5,9 +5,12 @@
 //! radius q (in radii of the dot) and direction a is `R(q) A(a, q)` with `R = Phi((q - 2) / b) - Phi((q - 3) / b)` and
 //! `A` the same of the borders of the light runs, b the blur across the edge in the same unit. The picture is compared with
 //! it cell by cell, a quarter of a segment wide. What a cover leaves behind (a border off the grid or not along a radius, a
-//! segment cut at its inner or outer edge, a grey level that is neither the ground's nor the code's) departs.
+//! segment cut at its inner or outer edge, a grey level that is neither the ground's nor the code's) departs. The dark part of
+//! a segment is also looked at as a whole, where a slight difference in grey shows.
 //!
 //! What cannot be told: a cover of the ground's own grey whose borders lie in dark segments, or exactly on the grid.
+
+use std::f64::consts::PI;
 
 use nalgebra::{SMatrix, SVector, Vector2};
 use statrs::function::erf::erf;
@@ -79,6 +82,33 @@ impl Sample {
     }
 }
 
+/// Sums over the samples of a cell.
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    /// Found less expected.
+    off: f64,
+    expected: f64,
+    per_px: f64,
+    /// Squares of the blur.
+    blurs: f64,
+    count: f64,
+}
+
+impl Sum {
+    fn add(&mut self, sample: &Sample, off: f64) {
+        self.off += off;
+        self.expected += sample.expected;
+        self.per_px += sample.per_px;
+        self.blurs += sample.blur * sample.blur;
+        self.count += 1.0;
+    }
+
+    /// The mean that one of the sums makes; 0 in an empty cell.
+    fn mean(&self, sum: f64) -> f64 {
+        sum / self.count.max(1.0)
+    }
+}
+
 /// Compares the picture with the pattern; `light` is the light level by direction: mean, cosine, sine. `None` where the
 /// code reaches beyond the picture.
 pub(super) fn ring_evidence(
@@ -93,50 +123,38 @@ pub(super) fn ring_evidence(
     let level = level(&samples, &ground)?;
     let segments = usize::from(pattern.segments);
     let cells = CELLS * BANDS.len();
-    let mut sums = vec![[0.0; 5]; segments * cells];
-    let mut dark = vec![[0.0; 3]; segments];
+    let mut sums = vec![Sum::default(); segments * cells];
+    let mut dark = vec![Sum::default(); segments];
     for sample in &samples {
-        let sum = &mut sums[sample.segment * cells + sample.cell];
         let off = sample.above(&ground) / level - sample.expected;
+        sums[sample.segment * cells + sample.cell].add(sample, off);
         if sample.expected < NEARLY_DARK {
-            dark[sample.segment][0] += off;
-            dark[sample.segment][1] += sample.blur * sample.blur;
-            dark[sample.segment][2] += 1.0;
+            dark[sample.segment].add(sample, off);
         }
-        sum[0] += off;
-        sum[1] += sample.per_px;
-        sum[2] += sample.expected;
-        sum[3] += sample.blur * sample.blur;
-        sum[4] += 1.0;
     }
     let radius_px = frame.map.determinant().abs().sqrt();
     let frame_px = FRAME_PX + FRAME_SHARE * radius_px;
-    let noise = view.noise / (dot.dot.contrast * light[0] * level);
+    let noise = NOISE_SIGMAS * view.noise / (dot.dot.contrast * light[0] * level);
+    let noise_of = |pixels: f64| noise / pixels.max(1.0).sqrt();
+    let pixels_per_sample = pixels_per_sample(radius_px);
     let mut evidence = RingEvidence {
         departure: 0.0,
         departing_segments: 0,
     };
-    let pixels_per_sample = pixels_per_sample(radius_px);
-    for (segment, [off, blurs, count]) in sums.chunks(cells).zip(&dark) {
-        let pixels = (count * pixels_per_sample).max(1.0);
-        let count = count.max(1.0);
-        let tolerated =
-            DARK_SEGMENT + NARROW * blurs / count + NOISE_SIGMAS * noise / pixels.sqrt();
-        let mut largest = (off / count).abs() / tolerated;
-        for (cell, [off, per_px, expected, blurs, count]) in segment.iter().enumerate() {
-            if *count == 0.0 {
-                continue;
-            }
+    for (cells_of_segment, dark) in sums.chunks(cells).zip(&dark) {
+        let tolerated = DARK_SEGMENT
+            + NARROW * dark.mean(dark.blurs)
+            + noise_of(dark.count * pixels_per_sample);
+        let mut largest = dark.mean(dark.off).abs() / tolerated;
+        for (cell, sum) in cells_of_segment.iter().enumerate() {
             let [low, high] = BANDS[cell / CELLS];
-            let area = (high * high - low * low) * std::f64::consts::PI
-                / (pattern.segments as usize * CELLS) as f64;
-            let pixels = (area * radius_px * radius_px).max(1.0);
+            let area = (high * high - low * low) * PI / (segments * CELLS) as f64;
             let tolerated = DARK
-                + (LIGHT - DARK) * expected / count
-                + frame_px * per_px / count
-                + NARROW * blurs / count
-                + NOISE_SIGMAS * noise / pixels.sqrt();
-            largest = largest.max((off / count).abs() / tolerated);
+                + (LIGHT - DARK) * sum.mean(sum.expected)
+                + frame_px * sum.mean(sum.per_px)
+                + NARROW * sum.mean(sum.blurs)
+                + noise_of(area * radius_px * radius_px);
+            largest = largest.max(sum.mean(sum.off).abs() / tolerated);
         }
         evidence.departure = evidence.departure.max(largest);
         evidence.departing_segments += u32::from(largest > 1.0);
@@ -151,7 +169,7 @@ fn pixels_per_sample(radius_px: f64) -> f64 {
         .map(|[low, high]| high * high - low * low)
         .sum();
     let samples = (DIRECTIONS / 2 * BANDS.len() * ACROSS) as f64;
-    std::f64::consts::PI * area * radius_px * radius_px / samples
+    PI * area * radius_px * radius_px / samples
 }
 
 /// The samples of all bands, their light divided by the light level.
