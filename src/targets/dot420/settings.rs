@@ -41,7 +41,7 @@ pub struct Dot420Settings {
     pub clear_pitches: f64,
     /// Largest product of rivals (codes that would look the same if one of their dots were hidden and one of these six
     /// were a plain target), foreign dots round the code and squared misfit of a certain reading; default 2. It leaves
-    /// some one in a hundred thousand codes with a hidden dot; a smaller one doubts more true codes.
+    /// some two in a hundred thousand codes with a hidden dot; a smaller one doubts more true codes.
     pub rival_chance: f64,
 }
 
