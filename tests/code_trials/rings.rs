@@ -90,10 +90,10 @@ impl Ring {
         let count = u32::from(self.segments);
         // Clockwise as seen, from the plane's x axis.
         let turn = (-plane.y).atan2(plane.x).rem_euclid(TAU) / TAU * f64::from(count);
-        if let Some(sector) = &self.sector {
-            if (turn - sector.start).rem_euclid(f64::from(count)) < sector.width {
-                return sector.light;
-            }
+        if let Some(sector) = &self.sector
+            && (turn - sector.start).rem_euclid(f64::from(count)) < sector.width
+        {
+            return sector.light;
         }
         let segment = (turn as u32).min(count - 1);
         (self.bits >> (count - 1 - segment)) & 1 == 1
