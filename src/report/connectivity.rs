@@ -49,7 +49,7 @@ fn path(network: &Network, image: ImageId) -> &str {
 mod tests {
     use super::*;
     use crate::network::{CameraId, ImageEntry, ImageFile};
-    use crate::targets::{CodeReading, Detections, Family};
+    use crate::targets::{CodeEvidence, CodeReading, Detections, Family};
     use std::sync::Arc;
 
     fn network(codes_of_images: &[&[u32]]) -> Network {
@@ -68,6 +68,7 @@ mod tests {
                 dots: Vec::new(),
                 misfit: 0.0,
                 doubt: None,
+                evidence: CodeEvidence::default(),
             };
             image.detections = Some(Arc::new(Detections {
                 codes: codes.iter().map(reading).collect(),

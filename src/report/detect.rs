@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::network::{CodeDot, PointId};
-use crate::targets::{Detections, Dot, Family};
+use crate::targets::{CodeEvidence, Detections, Dot, Family};
 
 /// What `detect --json` tells of one picture.
 #[derive(Clone, Debug, Serialize)]
@@ -22,6 +22,9 @@ struct CodeReport {
     id: u32,
     label: String,
     dots: Vec<CodeDotReport>,
+    doubt: Option<String>,
+    #[serde(flatten)]
+    evidence: CodeEvidence,
 }
 
 #[derive(Clone, Debug, Serialize)]
@@ -79,6 +82,8 @@ impl DetectReport {
                 id: reading.id,
                 label: reading.family.code_label(reading.id),
                 dots,
+                doubt: reading.doubt.clone(),
+                evidence: reading.evidence,
             });
         }
         let rejected = detections.rejected.iter().map(|r| RejectedReport {
@@ -134,7 +139,7 @@ pub fn detect_line(image: &str, detections: &Detections) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::targets::{CodeReading, DotIndex, Rejected};
+    use crate::targets::{CodeEvidence, CodeReading, DotIndex, Rejected};
     use nalgebra::Vector2;
 
     #[test]
@@ -154,6 +159,7 @@ mod tests {
             dots: dots.iter().map(|&d| DotIndex(d)).collect(),
             misfit: 0.1,
             doubt: None,
+            evidence: CodeEvidence::default(),
         };
         let detections = Detections {
             width_px: 20,
@@ -174,7 +180,7 @@ mod tests {
             r#"[{"image":"a b.png","width_px":20,"height_px":10,"codes":[{"family":"dot420","id":17,"label":"C17","dots":[{"name":"O","x_px":6.0,"y_px":2.5,"sigma_px":0.02},{"name":"A","x_px":5.0,"#
         ), "{json}");
         assert!(json.contains(
-            r#"{"family":"ring14","id":57,"label":"R14-57","dots":[{"name":"O","x_px":0.0,"y_px":2.5,"sigma_px":0.02}]}"#
+            r#"{"family":"ring14","id":57,"label":"R14-57","dots":[{"name":"O","x_px":0.0,"y_px":2.5,"sigma_px":0.02}],"doubt":null,"fit":0.0,"margin":null,"rivals":0,"foreign_dots":0,"departing_segments":0}"#
         ), "{json}");
         assert!(json.contains(
             r#""targets":[{"x_px":0.0,"y_px":2.5,"sigma_px":0.02,"major_px":8.0,"minor_px":6.0,"angle_deg":90.0,"label":"R14-57"},{"x_px":1.0,"#

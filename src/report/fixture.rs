@@ -12,7 +12,7 @@ use crate::network::{
     ControlPoint, ControlRole, DevicePoint, FrameResult, ImageEntry, ImageFile, ImageId, ImageUse,
     InteriorSource, Label, Network, Point, PointId, ScaleSource, Source, Stage, Standing, Station,
 };
-use crate::targets::{CodeReading, Detections, Dot, DotIndex, Family};
+use crate::targets::{CodeEvidence, CodeReading, Detections, Dot, DotIndex, Family};
 
 /// Two images in use (one oriented), one excluded; three adjusted points; one code reading set aside.
 pub(crate) fn network() -> Network {
@@ -107,6 +107,7 @@ fn image(number: u32, dots: u32) -> ImageEntry {
             dots: vec![DotIndex(5)],
             misfit: 0.0,
             doubt: None,
+            evidence: CodeEvidence::default(),
         }],
         rejected: Vec::new(),
         by_hand: Vec::new(),

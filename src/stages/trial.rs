@@ -16,7 +16,7 @@ use crate::network::{
 use crate::synthetic::{
     Experiment, PanelSettings, SimulatedObservation, panel, simulate_observations,
 };
-use crate::targets::{CodeReading, Detections, Dot, DotIndex, Family};
+use crate::targets::{CodeEvidence, CodeReading, Detections, Dot, DotIndex, Family};
 
 /// Noise of simulated dots, px.
 pub(super) const SIGMA_PX: f64 = 0.02;
@@ -95,6 +95,7 @@ fn detections(observations: &[SimulatedObservation]) -> Detections {
                 dots,
                 misfit: 0.0,
                 doubt: None,
+                evidence: CodeEvidence::default(),
             })
         })
         .collect();
@@ -125,6 +126,7 @@ pub(super) fn reading(id: u32, first_dot: u32) -> CodeReading {
         dots: (first_dot..first_dot + 6).map(DotIndex).collect(),
         misfit: 0.0,
         doubt: None,
+        evidence: CodeEvidence::default(),
     }
 }
 

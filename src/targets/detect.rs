@@ -95,6 +95,7 @@ pub fn detect_unless_interrupted(
                 dots: vec![place],
                 misfit: ring.misfit,
                 doubt: ring.doubt.clone(),
+                evidence: ring.evidence,
             }),
         }
     }

@@ -49,6 +49,29 @@ pub struct CodeReading {
     pub misfit: f64,
     /// Why the reading may be another code or no code; `None` where nothing speaks against it.
     pub doubt: Option<String>,
+    /// The evidence that decided.
+    #[serde(default)]
+    pub evidence: CodeEvidence,
+}
+
+/// What speaks for a reading and against it, in numbers. All zero and none in readings of older project files.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct CodeEvidence {
+    /// Misfit as a multiple of what is expected of the code (`dot420`: root of the weighted mean square, usually below 1.8) or
+    /// tolerated (rings: the cell of the ring that departs most from the picture that the number says, at most 1).
+    pub fit: f64,
+    /// Lead over what would be another number. `dot420`: how many times worse than this one the next reading fits that
+    /// shares dots with it; none where there is no other. Rings: least difference between a light and a dark segment, as a
+    /// share of the contrast.
+    pub margin: Option<f64>,
+    /// `dot420`: other numbers that the picture would show as well if one dot of theirs were hidden and one of these six
+    /// were a plain target.
+    pub rivals: u32,
+    /// `dot420`: dots near the code that belong to no code and may lie in its plane.
+    pub foreign_dots: u32,
+    /// Rings: segments whose grey level or edge departs from what the number says.
+    pub departing_segments: u32,
 }
 
 /// A place that looked like a target and was refused.

@@ -47,7 +47,7 @@ mod trust;
 mod window;
 
 pub use detect::{DetectSettings, detect, detect_unless_interrupted};
-pub use detections::{CodeReading, Detections, Dot, DotIndex, Rejected};
+pub use detections::{CodeEvidence, CodeReading, Detections, Dot, DotIndex, Rejected};
 pub use dot::DotSettings;
 pub use dot420::{Dot420Reading, Dot420Settings, read_dot420};
 pub use family::{

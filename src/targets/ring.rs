@@ -3,10 +3,15 @@
 //! The dot's ellipse is the affine frame of the code: in its units the ring lies between 2 and 3. Where the ring is
 //! light its inner and outer edges are seen, and correct the frame for perspective and for the poor shape of a small
 //! dot. Then the ring is unrolled, the changes between light and dark must lie on the grid of the segments, light segments must be as
-//! light as the dot, dark ones dark, and the gap between dot and ring dark all round.
+//! light as the dot, dark ones dark, and the gap between dot and ring dark all round. At last the picture is held against the
+//! one that the number says ([`evidence`]): where a segment departs, the reading carries a doubt.
+
+mod evidence;
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
+use self::evidence::ring_evidence;
+use super::CodeEvidence;
 use super::dot::{MeasuredDot, View};
 use super::family::ring_number;
 
@@ -18,6 +23,7 @@ pub(super) struct RingReading {
     /// Root mean square deviation of the segments from light and dark, as a share of the contrast.
     pub(super) misfit: f64,
     pub(super) doubt: Option<String>,
+    pub(super) evidence: CodeEvidence,
     /// Where the code lies.
     pub(super) frame: RingFrame,
 }
@@ -89,7 +95,7 @@ pub(super) fn read_ring(view: &View, dot: &MeasuredDot, segments: &[u8]) -> Ring
     let Some(ring) = unroll(view, dot, &frame) else {
         return RingOutcome::Plain;
     };
-    decide(dot, &ring, &frame, segments)
+    decide(view, dot, &ring, &frame, segments)
 }
 
 /// Grey values above the background as a share of the dot's contrast; `None` outside the picture.
@@ -198,17 +204,15 @@ struct Unrolled {
     gap: Vec<f64>,
     /// Share of the light directions in which the outer edge of the ring is seen.
     edged: f64,
-    /// Lightness of the ring against the dot.
-    level: f64,
-    /// How far from even the light falls: the largest slope of the light level across the ring.
-    slope: f64,
+    /// The light level by direction: mean, cosine, sine.
+    light: SVector<f64, 3>,
 }
 
 fn unroll(view: &View, dot: &MeasuredDot, frame: &RingFrame) -> Option<Unrolled> {
     const ACROSS: [f64; 5] = [2.3, 2.4, 2.5, 2.6, 2.7];
     let mut shares = Vec::with_capacity(DIRECTIONS);
     let mut gap = Vec::with_capacity(DIRECTIONS);
-    let (mut light, mut edged) = (0.0, 0.0);
+    let (mut lit, mut edged) = (0.0, 0.0);
     for index in 0..DIRECTIONS {
         let direction = direction(index);
         let at = |radius: f64| share(view, dot, frame.place(direction, radius));
@@ -220,24 +224,22 @@ fn unroll(view: &View, dot: &MeasuredDot, frame: &RingFrame) -> Option<Unrolled>
         shares.push(mean);
         gap.push(at(1.4)?.min(at(1.5)?).min(at(1.6)?).min(at(1.7)?));
         if mean > 0.5 {
-            light += 1.0;
+            lit += 1.0;
             let beyond = at(3.3).unwrap_or(0.0).min(at(3.5).unwrap_or(0.0));
             edged += f64::from(u8::from(beyond < 0.6 * mean));
         }
     }
-    let (level, slope) = even_out(&mut shares)?;
+    let light = even_out(&mut shares)?;
     Some(Unrolled {
         shares,
         gap,
-        edged: edged / f64::max(light, 1.0),
-        level,
-        slope,
+        edged: edged / f64::max(lit, 1.0),
+        light,
     })
 }
 
-/// Divides by the light level, a plane fitted to what is light: shadows and flash fall off across a code. Returns its
-/// mean and its slope.
-fn even_out(shares: &mut [f64]) -> Option<(f64, f64)> {
+/// Divides by the light level, a plane fitted to what is light: shadows and flash fall off across a code. Returns it.
+fn even_out(shares: &mut [f64]) -> Option<SVector<f64, 3>> {
     let mut plane = SVector::<f64, 3>::new(brightest_share(shares)?, 0.0, 0.0);
     let row = |index: usize| {
         let (sin, cos) = direction(index).sin_cos();
@@ -263,7 +265,19 @@ fn even_out(shares: &mut [f64]) -> Option<(f64, f64)> {
     for (index, share) in shares.iter_mut().enumerate() {
         *share /= row(index).dot(&plane).max(0.25 * plane[0]);
     }
-    Some((plane[0], plane[1].hypot(plane[2]) / plane[0]))
+    Some(plane)
+}
+
+impl Unrolled {
+    /// Lightness of the ring against the dot.
+    fn level(&self) -> f64 {
+        self.light[0]
+    }
+
+    /// How far from even the light falls: the largest slope of the light level across the ring.
+    fn slope(&self) -> f64 {
+        self.light[1].hypot(self.light[2]) / self.light[0]
+    }
 }
 
 fn brightest_share(shares: &[f64]) -> Option<f64> {
@@ -277,6 +291,8 @@ fn brightest_share(shares: &[f64]) -> Option<f64> {
 struct Pattern {
     segments: u8,
     bits: u32,
+    /// Where the first segment begins, in segments.
+    grid: f64,
     /// Root mean square and largest distance of the changes from the grid, in segments.
     edge_rms: f64,
     edge_largest: f64,
@@ -286,7 +302,13 @@ struct Pattern {
     margin: f64,
 }
 
-fn decide(dot: &MeasuredDot, ring: &Unrolled, frame: &RingFrame, segments: &[u8]) -> RingOutcome {
+fn decide(
+    view: &View,
+    dot: &MeasuredDot,
+    ring: &Unrolled,
+    frame: &RingFrame,
+    segments: &[u8],
+) -> RingOutcome {
     /// Changes between light and dark lie this near to the grid, in segments.
     const LARGEST_EDGE_RMS: f64 = 0.16;
     const LARGEST_EDGE: f64 = 0.34;
@@ -318,11 +340,23 @@ fn decide(dot: &MeasuredDot, ring: &Unrolled, frame: &RingFrame, segments: &[u8]
     let rival = patterns[1..].iter().find(|p| {
         p.edge_rms < 1.7 * best.edge_rms + 0.02 && ring_number(p.bits, p.segments).is_some()
     });
+    let Some(found) = ring_evidence(view, dot, frame, best, &ring.light) else {
+        return RingOutcome::Unreadable(
+            "its ring is cut off or too faint to be compared with its number".into(),
+        );
+    };
+    let evidence = CodeEvidence {
+        fit: found.departure,
+        margin: Some(2.0 * best.margin),
+        departing_segments: found.departing_segments,
+        ..CodeEvidence::default()
+    };
     RingOutcome::Read(RingReading {
         segments: best.segments,
         id,
         misfit: best.misfit,
-        doubt: doubt(ring, best, rival),
+        doubt: doubt(ring, best, rival, &evidence),
+        evidence,
         frame: *frame,
     })
 }
@@ -340,10 +374,10 @@ fn not_a_ring(dot: &MeasuredDot, ring: &Unrolled) -> Option<String> {
     if light_gaps * 20 > DIRECTIONS {
         return Some("no dark gap between dot and ring".into());
     }
-    if !(darkest..lightest).contains(&ring.level) {
+    if !(darkest..lightest).contains(&ring.level()) {
         return Some(format!(
             "ring is {:.0} % as light as its dot",
-            100.0 * ring.level
+            100.0 * ring.level()
         ));
     }
     if ring.edged < 0.6 {
@@ -352,7 +386,12 @@ fn not_a_ring(dot: &MeasuredDot, ring: &Unrolled) -> Option<String> {
     None
 }
 
-fn doubt(ring: &Unrolled, best: &Pattern, rival: Option<&Pattern>) -> Option<String> {
+fn doubt(
+    ring: &Unrolled,
+    best: &Pattern,
+    rival: Option<&Pattern>,
+    evidence: &CodeEvidence,
+) -> Option<String> {
     /// A segment must be this clearly light or dark.
     const LEAST_MARGIN: f64 = 0.18;
     /// Largest misfit of a reading that nothing speaks against.
@@ -367,7 +406,13 @@ fn doubt(ring: &Unrolled, best: &Pattern, rival: Option<&Pattern>) -> Option<Str
     if best.misfit > LARGEST_MISFIT {
         return Some("its segments are not equally light".into());
     }
-    if ring.slope > LARGEST_SLOPE {
+    if evidence.departing_segments > 0 {
+        return Some(format!(
+            "{} of its {} segments depart from its number in grey level or edge: partly covered?",
+            evidence.departing_segments, best.segments
+        ));
+    }
+    if ring.slope() > LARGEST_SLOPE {
         return Some("the light falls off across the ring".into());
     }
     None
@@ -423,6 +468,7 @@ fn pattern(shares: &[f64], changes: &[Change], segments: u8) -> Option<Pattern> 
     Some(Pattern {
         segments,
         bits,
+        grid,
         edge_rms: (squares / changes.len() as f64).sqrt(),
         edge_largest,
         misfit: (deviation / n).sqrt(),

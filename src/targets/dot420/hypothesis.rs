@@ -204,7 +204,7 @@ fn position_at(place: Vector2<f64>) -> Option<usize> {
 }
 
 /// The number of the code with these positions in rising order.
-fn number_at(positions: [usize; 3]) -> Option<u32> {
+pub(super) fn number_at(positions: [usize; 3]) -> Option<u32> {
     static NUMBERS: OnceLock<Vec<u32>> = OnceLock::new();
     let slot = |p: [usize; 3]| (p[0] * 21 + p[1]) * 21 + p[2];
     let numbers = NUMBERS.get_or_init(|| {

@@ -16,6 +16,9 @@
 //!    decide: read, read with a doubt, or refused.
 //! 4. **One dot, one code.** Where readings share dots the best fit stays; if the loser would have passed by itself, the
 //!    winner carries a doubt. A number read twice in one picture carries a doubt at both places.
+//! 5. **What stands round it.** A hidden dot and a plain target in the right place make another number that no fit tells from
+//!    a true one. How many such exchanges are possible, how many foreign dots stand there and how well the six fit decide
+//!    whether the reading carries a doubt; so do foreign dots that continue the code's grid, as targets in rows do.
 //!
 //! The mirror image of a code is itself a code (A and B change roles, x and y of the positions are swapped), so a
 //! mirrored picture gives other numbers and cannot be noticed here; the handedness is what keeps an upright one right.
@@ -25,6 +28,7 @@ mod neighbours;
 mod outline;
 mod plane;
 mod reading;
+mod rivals;
 mod settings;
 #[cfg(test)]
 mod simulation;

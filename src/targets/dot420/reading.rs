@@ -6,7 +6,8 @@ use rayon::prelude::*;
 use super::Dot420Settings;
 use super::hypothesis::{Field, Hypothesis};
 use super::outline::{Agreement, Outline, agreement, ovalness};
-use crate::targets::{CodeReading, Dot, DotIndex, Family, Rejected};
+use super::rivals::Surroundings;
+use crate::targets::{CodeEvidence, CodeReading, Dot, DotIndex, Family, Rejected};
 
 /// Refused readings are reported up to this multiple of the largest misfit allowed; beyond it they are mere chance.
 const REPORTED_MISFIT_FACTOR: f64 = 1.5;
@@ -29,6 +30,9 @@ struct Judged {
     hypothesis: Hypothesis,
     /// What speaks against it without refusing it.
     doubts: Vec<String>,
+    surroundings: Surroundings,
+    /// Standardised misfit of the best reading that shares dots with it.
+    second: Option<f64>,
 }
 
 enum Verdict {
@@ -62,13 +66,14 @@ pub fn read_dot420(dots: &[Dot], settings: &Dot420Settings) -> Dot420Reading {
     let mut refused = Vec::new();
     for (hypothesis, verdict) in judged.into_iter().flatten() {
         match verdict {
-            Verdict::Read(doubts) => readings.push(Judged { hypothesis, doubts }),
+            Verdict::Read(doubts) => readings.push(Judged::new(hypothesis, doubts)),
             Verdict::Refused(reason) => refused.push((hypothesis, reason)),
             Verdict::Chance => {}
         }
     }
     let (mut kept, beaten) = settle_shared_dots(readings, dots.len());
     doubt_repeated_numbers(&mut kept);
+    look_round(&field, &mut kept);
     let rejected = rejections(&field, &kept, refused, beaten);
     kept.sort_by_key(|j| (j.hypothesis.id, j.hypothesis.slots));
     Dot420Reading {
@@ -229,6 +234,8 @@ fn settle_shared_dots(
         let mut better = Vec::new();
         for winner in winners {
             better.push(Family::Dot420.code_label(kept[winner].hypothesis.id));
+            let second = kept[winner].second.unwrap_or(f64::INFINITY);
+            kept[winner].second = Some(second.min(reading.hypothesis.plane.standardised));
             if reading.doubts.is_empty() {
                 let doubt = format!("some of its dots fit {label} too");
                 kept[winner].doubts.push(doubt);
@@ -254,6 +261,20 @@ fn doubt_repeated_numbers(kept: &mut [Judged]) {
             let doubt = format!("this number is read {times} times in the picture");
             judged.doubts.push(doubt);
         }
+    }
+}
+
+/// Counts what stands round each reading, and doubts those that a plain target may have completed.
+fn look_round(field: &Field<'_>, kept: &mut [Judged]) {
+    let mut taken = vec![false; field.dots.len()];
+    for slot in kept.iter().flat_map(|j| j.hypothesis.slots) {
+        taken[slot] = true;
+    }
+    for judged in kept {
+        judged.surroundings = field.surroundings(&judged.hypothesis, &taken);
+        let fit = judged.hypothesis.plane.standardised;
+        let doubt = judged.surroundings.doubt(fit, field.settings.rival_chance);
+        judged.doubts.extend(doubt);
     }
 }
 
@@ -302,14 +323,31 @@ fn rejections(
 }
 
 impl Judged {
+    fn new(hypothesis: Hypothesis, doubts: Vec<String>) -> Self {
+        Self {
+            hypothesis,
+            doubts,
+            surroundings: Surroundings::default(),
+            second: None,
+        }
+    }
+
     fn into_reading(self) -> CodeReading {
         let dots = self.hypothesis.slots.map(|slot| DotIndex(slot as u32));
+        let fit = &self.hypothesis.plane;
         CodeReading {
             family: Family::Dot420,
             id: self.hypothesis.id,
             dots: dots.to_vec(),
-            misfit: self.hypothesis.plane.rms_px,
+            misfit: fit.rms_px,
             doubt: (!self.doubts.is_empty()).then(|| self.doubts.join("; ")),
+            evidence: CodeEvidence {
+                fit: fit.standardised,
+                margin: self.second.map(|second| second / fit.standardised.max(0.1)),
+                rivals: self.surroundings.rivals,
+                foreign_dots: self.surroundings.foreign,
+                departing_segments: 0,
+            },
         }
     }
 }

@@ -39,6 +39,10 @@ pub struct Dot420Settings {
     /// Distance, pitches, within which no foreign dot of the same plane can stand from a code's dot: the design keeps 3;
     /// default 2.6. One or two such dots are a doubt, more mean a field of plain targets.
     pub clear_pitches: f64,
+    /// Largest product of rivals (codes that would look the same if one of their dots were hidden and one of these six
+    /// were a plain target), foreign dots round the code and squared misfit of a certain reading; default 2. It leaves
+    /// some two in a hundred thousand codes with a hidden dot; a smaller one doubts more true codes.
+    pub rival_chance: f64,
 }
 
 impl Default for Dot420Settings {
@@ -57,6 +61,7 @@ impl Default for Dot420Settings {
             depth_ratio: 1.3,
             contrast_ratio: 4.0,
             clear_pitches: 2.6,
+            rival_chance: 2.0,
         }
     }
 }

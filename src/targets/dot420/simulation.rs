@@ -308,16 +308,15 @@ fn codes_are_read_in_dense_fields_and_no_plain_targets_are() {
     assert_eq!((tally.wrong_dots, tally.false_certain), (0, 0), "{tally:?}");
 }
 
-/// Not never: a plain target that stands where the hidden dot would make another code, to within the noise, cannot be
-/// told by its place (4 in 6300 trials); the orientation must set such a reading aside. Three in this campaign would be
-/// more than chance makes of that rate (1 in 140 campaigns).
+/// A plain target that stands where the hidden dot would make another code, to within the noise, cannot be told by its
+/// place: such a reading carries a doubt.
 #[test]
-fn a_code_with_a_hidden_dot_hardly_ever_gets_another_number() {
+fn a_code_with_a_hidden_dot_gets_no_other_number_without_a_doubt() {
     let mut tally = Tally::default();
     for seed in 0..600 {
         code_scene(&mut tally, 5000 + seed, 60, Some(seed as usize % 6));
     }
-    assert!(tally.false_certain <= 2, "{tally:?}");
+    assert_eq!(tally.false_certain, 0, "{tally:?}");
 }
 
 #[test]
@@ -339,14 +338,14 @@ fn plain_targets_in_rows_are_no_certain_codes() {
     }
 }
 
-/// With holes such rows do make certain codes now and then: 6 in 10 700 dots of 80 fields. Known and not mended.
+/// With holes such rows look like codes now and then.
 #[test]
-fn rows_at_two_and_a_half_pitches_make_few_certain_codes() {
+fn rows_at_two_and_a_half_pitches_make_no_certain_codes() {
     let mut tally = Tally::default();
     for seed in 0..12 {
         grid_scene(&mut tally, 77 + seed, [12.5, 12.5], 0.4);
     }
-    assert!(tally.false_certain <= 3, "{tally:?}");
+    assert_eq!(tally.false_certain, 0, "{tally:?}");
 }
 
 fn upright(random: &mut ChaCha8Rng) -> View {

@@ -16,7 +16,7 @@ use super::{Opened, StorageError, Store};
 use crate::camera::{Camera, InteriorOrientation};
 use crate::geometry::Pose;
 use crate::network::*;
-use crate::targets::{CodeReading, Detections, Dot, DotIndex, Family, Rejected};
+use crate::targets::{CodeEvidence, CodeReading, Detections, Dot, DotIndex, Family, Rejected};
 
 /// A folder that goes when the test ends.
 struct Folder(PathBuf);
@@ -178,6 +178,7 @@ fn image(id: u32, next: &mut impl FnMut() -> f64) -> ImageEntry {
             dots: vec![DotIndex(0)],
             misfit: next(),
             doubt: Some("blurred".into()),
+            evidence: CodeEvidence::default(),
         }],
         rejected: vec![Rejected {
             place_px: Vector2::new(next(), next()),

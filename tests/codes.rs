@@ -1,0 +1,69 @@
+//! Codes under hard conditions against truth, in few trials; `cargo bench --bench codes` makes many.
+
+mod code_trials;
+
+use code_trials::{Kind, Tally, kinds};
+use tiepoint::targets::Family;
+
+/// Kinds of cover that leave nothing behind in the picture: the ground's own grey, ending in dark segments.
+const CANNOT_BE_TOLD: [&str; 2] = ["part of a ring changed", "cover, the ground's grey"];
+
+fn run(wanted: impl Fn(&Kind) -> bool, count: u64) -> Vec<(String, Tally)> {
+    kinds()
+        .into_iter()
+        .filter(wanted)
+        .map(|kind| (format!("{} {}", kind.family, kind.name), kind.run(count)))
+        .collect()
+}
+
+#[test]
+fn clean_codes_are_read_without_a_doubt() {
+    let clean = |kind: &Kind| {
+        let small = kind.name.contains("deg 8 px") || kind.family == Family::Ring(20);
+        kind.name.starts_with("clean") && !kind.name.contains("70 deg") && !small
+    };
+    for (name, tally) in run(clean, 60) {
+        // A turn may be unlucky: a small oblique ring code has few pixels to spare.
+        assert!(tally.read >= 57, "{name}: {tally:?}");
+    }
+}
+
+#[test]
+fn six_dot_codes_get_no_wrong_number() {
+    let simulated = |kind: &Kind| {
+        kind.family == Family::Dot420
+            && !kind.name.starts_with("rendered")
+            && !kind.name.contains("crowded")
+    };
+    for (name, tally) in run(simulated, 200) {
+        assert_eq!(tally.wrong, 0, "{name}: {tally:?}");
+    }
+}
+
+#[test]
+fn rendered_six_dot_codes_get_no_wrong_number() {
+    let dense = |kind: &Kind| kind.name.starts_with("rendered");
+    for (name, tally) in run(dense, 20) {
+        assert_eq!(tally.wrong, 0, "{name}: {tally:?}");
+    }
+}
+
+#[test]
+fn rings_partly_covered_or_beside_other_light_get_no_wrong_number() {
+    let rings = |kind: &Kind| {
+        kind.family == Family::Ring(12) && !CANNOT_BE_TOLD.contains(&kind.name.as_str())
+    };
+    for (name, tally) in run(rings, 60) {
+        assert_eq!(tally.wrong, 0, "{name}: {tally:?}");
+    }
+}
+
+#[test]
+fn the_same_tally_comes_from_any_number_of_threads() {
+    let field = |kind: &Kind| kind.name == "cover in field dense";
+    let with = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+        pool.expect("threads").install(|| run(field, 50))
+    };
+    assert_eq!(with(1), with(3));
+}
