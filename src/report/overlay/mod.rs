@@ -289,7 +289,7 @@ fn write_reason(
 mod tests {
     use super::*;
     use crate::imaging::BitDepth;
-    use crate::targets::{DotIndex, Rejected};
+    use crate::targets::{CodeEvidence, DotIndex, Rejected};
 
     fn dot(x: f64, y: f64) -> Dot {
         Dot {
@@ -320,6 +320,7 @@ mod tests {
     #[test]
     fn everything_found_is_drawn_in_its_colour() {
         let code = |id, first: u32, doubt: Option<&str>| CodeReading {
+            evidence: CodeEvidence::default(),
             family: Family::Dot420,
             id,
             dots: (first..first + 6).map(DotIndex).collect(),
@@ -380,6 +381,7 @@ mod tests {
             rejected: places.collect(),
             dots: vec![dot(-3.0, 4.0)],
             codes: vec![CodeReading {
+                evidence: CodeEvidence::default(),
                 family: Family::Ring(14),
                 id: 1,
                 dots: vec![DotIndex(0), DotIndex(7)],
