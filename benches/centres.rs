@@ -295,6 +295,21 @@ fn main() {
         others.found, others.shown
     );
 
+    println!(
+        "\ndots of 20 and 30 px: share better than so many px, beside a commercial system's (published)"
+    );
+    let lengths: Vec<f64> = cases
+        .iter()
+        .filter(|(shape, _, _, counts, _)| *counts && (20.0..=30.0).contains(&shape.diameter))
+        .flat_map(|(_, _, errors, _, _)| &errors.found)
+        .map(|error| error[0].hypot(error[1]))
+        .collect();
+    for (limit, published) in [(0.10, 98), (0.05, 93), (0.02, 39), (0.01, 25)] {
+        let better = lengths.iter().filter(|length| **length < limit).count();
+        let share = 100.0 * better as f64 / lengths.len() as f64;
+        println!("{limit:>8.2} {share:>8.1} % {published:>6} %");
+    }
+
     println!("\nrms over bound by diameter (px) and incidence (deg)");
     println!(
         "{:>8}{}",

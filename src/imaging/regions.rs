@@ -345,7 +345,7 @@ mod tests {
     proptest! {
         #[test]
         fn all_that_rises_above_its_surroundings_lies_in_just_one_region(
-            spots in proptest::collection::vec((0_usize..130, 0_usize..75, 0_u16..60), 0..12),
+            spots in proptest::collection::vec((0_usize..130, 0_usize..75, 0_u16..90), 0..12),
         ) {
             let image = picture(130, 75, |x, y| {
                 20 + spots.iter().filter(|spot| (spot.0, spot.1) == (x, y)).map(|spot| spot.2).max().unwrap_or(0)
@@ -359,8 +359,8 @@ mod tests {
             }
             for (held, &grey) in held.iter().zip(image.samples()) {
                 prop_assert!(*held <= 1);
-                // Means are whole grey values, and spots raise them.
-                prop_assert!(grey <= 55 || *held == 1);
+                // 30 above the ground of 20, and above a mean that spots raise by 15 before it stands out itself; means are whole.
+                prop_assert!(grey <= 66 || *held == 1);
             }
         }
     }

@@ -341,7 +341,7 @@ fn the_normals_of_ellipses_are_those_of_the_scene() {
     let directions = Directions::of(network);
     let experiment = experiment();
     let truth = experiment.truth();
-    let (mut compared, mut worst) = (0, 0.0_f64);
+    let mut errors = Vec::new();
     for station in experiment.stations.iter().take(3) {
         for dot in &truth.images[&station.image] {
             let Some(point) = point_of(&dot.label) else {
@@ -353,13 +353,14 @@ fn the_normals_of_ellipses_are_those_of_the_scene() {
             let towards = station.pose.centre_in_world - known.position;
             let aspect = directions.aspect(point, &towards);
             if let Some(angle) = aspect.and_then(|aspect| aspect.incidence_deg) {
-                compared += 1;
-                worst = worst.max((angle - dot.incidence_deg).abs());
+                errors.push((angle - dot.incidence_deg).abs());
             }
         }
     }
-    // Three rays only, dots of some eight pixels.
-    assert!(compared > 30 && worst < 8.0, "{compared} {worst}");
+    errors.sort_by(f64::total_cmp);
+    // Three rays only, dots of some eight pixels: of a dot seen squarely by all three the ellipses tell little.
+    let (half, most) = (errors[errors.len() / 2], errors[errors.len() * 9 / 10]);
+    assert!(errors.len() > 30 && half < 3.0 && most < 6.0, "{errors:?}");
 }
 
 #[test]

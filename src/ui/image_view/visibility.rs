@@ -1,6 +1,7 @@
 //! From which sides targets can be seen, as far as their other images tell.
 //!
-//! A round target is imaged as an ellipse whose second moments are `k J (I - n n') J'` to first order: `J` is the
+//! A target's normal is that of its circle, where the adjustment has one. Before that it is told by its ellipses: a round target
+//! is imaged as an ellipse whose second moments are `k J (I - n n') J'` to first order: `J` is the
 //! derivative of the picture by the point, `n` the target's normal, `k` a sixteenth of its squared diameter. That is
 //! linear in the symmetric matrix `S = k (I - n n')`, so three rays or more give `S` by least squares, and the
 //! eigenvector of its smallest eigenvalue is the normal: some tenths of a degree for dots of eight pixels. Nothing has to
@@ -109,13 +110,15 @@ impl Directions {
                 let (seen, shape) = found.entry(point).or_default();
                 let towards = sight.pose.centre_in_world - known.position;
                 seen.rays.extend(towards.try_normalize(0.0));
-                if seen.rays.len() <= RAYS_FOR_NORMAL {
+                seen.normal = known.circle.map(|circle| circle.normal);
+                if seen.normal.is_none() && seen.rays.len() <= RAYS_FOR_NORMAL {
                     shape.add(&sight, &known.position, dot);
                 }
             }
         }
         let with_normal = |(point, (mut seen, shape)): (PointId, (Seen, Shape))| {
-            seen.normal = shape.normal(&seen.rays);
+            let normal = seen.normal.or_else(|| shape.normal(&seen.rays));
+            seen.normal = normal.map(|normal| on_their_side(normal, &seen.rays));
             (point, seen)
         };
         let seen: BTreeMap<PointId, Seen> = found.into_iter().map(with_normal).collect();
@@ -203,7 +206,7 @@ impl Shape {
         }
     }
 
-    /// The normal on the side of the rays; `None` where the ellipses do not make a flat disc.
+    /// The normal, on either side; `None` where the ellipses do not make a flat disc.
     fn normal(&self, rays: &[Vector3<f64>]) -> Option<Vector3<f64>> {
         /// Two rays leave one of the six numbers free.
         const LEAST_RAYS: usize = 3;
@@ -223,13 +226,17 @@ impl Shape {
         if !(flat && middle > LEAST_ROUNDNESS * largest) {
             return None;
         }
-        let normal: Vector3<f64> = disc.eigenvectors.column(least).into();
-        let side: Vector3<f64> = rays.iter().sum();
-        Some(if normal.dot(&side) < 0.0 {
-            -normal
-        } else {
-            normal
-        })
+        Some(disc.eigenvectors.column(least).into())
+    }
+}
+
+/// A normal on the side of the rays.
+fn on_their_side(normal: Vector3<f64>, rays: &[Vector3<f64>]) -> Vector3<f64> {
+    let side: Vector3<f64> = rays.iter().sum();
+    if normal.dot(&side) < 0.0 {
+        -normal
+    } else {
+        normal
     }
 }
 
