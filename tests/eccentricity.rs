@@ -67,8 +67,10 @@ fn the_centre_of_a_large_dot_is_measured_where_the_camera_says() {
     );
     // Of some 45 and 100 px, without noise.
     for diameter_mm in [20.0, 45.0] {
-        let mut scene = Scene::default();
-        scene.discs = discs(diameter_mm, &pose.centre_in_world);
+        let scene = Scene {
+            discs: discs(diameter_mm, &pose.centre_in_world),
+            ..Scene::default()
+        };
         let settings = RenderSettings {
             noise_sigma_grey: 0.0,
             ..RenderSettings::default()

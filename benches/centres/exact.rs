@@ -9,28 +9,28 @@ use statrs::function::erf::erf;
 
 /// An elliptic dot: `(p - centre)^T spread^-1 (p - centre) <= 1`.
 #[derive(Clone, Copy, Debug)]
-pub struct ExactDot {
+pub(crate) struct ExactDot {
     /// Centre, px.
-    pub centre: Vector2<f64>,
+    pub(crate) centre: Vector2<f64>,
     /// Semi-axes squared, as a matrix, px^2.
-    pub spread: Matrix2<f64>,
+    pub(crate) spread: Matrix2<f64>,
     /// Sigma of the blur, px.
-    pub blur: f64,
+    pub(crate) blur: f64,
 }
 
 /// Share of the dot's amplitude in each pixel of a square, row by row.
-pub struct Cover {
+pub(crate) struct Cover {
     /// Column and row of its first pixel.
-    pub corner: [usize; 2],
+    pub(crate) corner: [usize; 2],
     /// Pixels a side.
-    pub side: usize,
+    pub(crate) side: usize,
     /// Shares, 0 to 1.
-    pub shares: Vec<f64>,
+    pub(crate) shares: Vec<f64>,
 }
 
 impl ExactDot {
     /// A circle of this diameter seen at an incidence, its shorter axis turned by an angle (rad).
-    pub fn seen(
+    pub(crate) fn seen(
         centre: Vector2<f64>,
         diameter: f64,
         incidence: f64,
@@ -55,7 +55,7 @@ impl ExactDot {
     }
 
     /// Its cover.
-    pub fn cover(&self) -> Cover {
+    pub(crate) fn cover(&self) -> Cover {
         let half = self.half_side();
         let corner = [self.centre.x, self.centre.y].map(|middle| middle as usize - half);
         self.cover_of(corner, 2 * half + 1)
@@ -97,7 +97,7 @@ impl ExactDot {
 
     /// The Cramer-Rao bound of the centre, rms over x and y, px, for a noise of one hundredth of the amplitude: centre,
     /// shape, blur, amplitude, background and its slopes are all unknown.
-    pub fn bound(&self) -> f64 {
+    pub(crate) fn bound(&self) -> f64 {
         const STEP: f64 = 1e-4;
         let Cover {
             corner,

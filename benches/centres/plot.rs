@@ -3,13 +3,13 @@
 use std::fmt::Write as _;
 
 /// One case.
-pub struct Point {
+pub(crate) struct Point {
     /// Diameter of the dots, px.
-    pub diameter: f64,
+    pub(crate) diameter: f64,
     /// What is possible, px.
-    pub bound: f64,
+    pub(crate) bound: f64,
     /// What was reached, px.
-    pub rms: f64,
+    pub(crate) rms: f64,
 }
 
 const WIDTH: f64 = 560.0;
@@ -20,7 +20,7 @@ const FIRST: i32 = -5;
 const LAST: i32 = 0;
 
 /// Both axes logarithmic; the diagonal is the bound.
-pub fn svg(points: &[Point]) -> String {
+pub(crate) fn svg(points: &[Point]) -> String {
     let share = |value: f64| (value.log10() - f64::from(FIRST)) / f64::from(LAST - FIRST);
     let x = |value: f64| MARGIN + share(value) * (WIDTH - 2.0 * MARGIN);
     let y = |value: f64| HEIGHT - MARGIN - share(value) * (HEIGHT - 2.0 * MARGIN);

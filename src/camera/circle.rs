@@ -72,7 +72,8 @@ impl Camera {
         normal: &Vector3<f64>,
         radius: f64,
     ) -> Option<Vector2<f64>> {
-        if !(centre.z < 0.0) {
+        // What is not before the camera has no image, nor has what is no number.
+        if centre.z.is_nan() || centre.z >= 0.0 {
             return None;
         }
         let axis = Vector3::z();

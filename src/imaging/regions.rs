@@ -156,9 +156,11 @@ impl Tiles {
                 });
             }
             let region = &mut regions[*place];
-            for tile in span.row * self.across + span.first..span.row * self.across + span.end {
-                region.ground = region.ground.min(f64::from(ground[tile]));
-                region.brightest = region.brightest.max(self.brightest[tile]);
+            let tiles = span.row * self.across + span.first..span.row * self.across + span.end;
+            let both = ground[tiles.clone()].iter().zip(&self.brightest[tiles]);
+            for (&ground, &brightest) in both {
+                region.ground = region.ground.min(f64::from(ground));
+                region.brightest = region.brightest.max(brightest);
             }
             region.spans.push(*span);
         }
@@ -353,8 +355,8 @@ mod tests {
             let regions = Tiles::of(&image).regions(30.0, 20.0);
             let mut held = vec![0; 130 * 75];
             for [row, first, end] in regions.iter().flat_map(Region::pieces) {
-                for slot in row * 130 + first..row * 130 + end {
-                    held[slot] += 1;
+                for held in &mut held[row * 130 + first..row * 130 + end] {
+                    *held += 1;
                 }
             }
             for (held, &grey) in held.iter().zip(image.samples()) {

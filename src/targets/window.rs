@@ -100,7 +100,8 @@ pub(super) fn take_pixels(
         let core = inner.as_ref().and_then(|inner| inner.along_row(first.y));
         let core = core.map_or(width..width, |core| column_at(core[0])..column_at(core[1]));
         let is_out = |column: usize| {
-            let thinned = core.contains(&column) && (row % stride != 0 || column % stride != 0);
+            let kept = row.is_multiple_of(stride) && column.is_multiple_of(stride);
+            let thinned = core.contains(&column) && !kept;
             thinned || owners[column] == Owner::Neighbour
         };
         while column < end {

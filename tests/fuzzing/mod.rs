@@ -27,21 +27,21 @@ const SMALL: LoadSettings = LoadSettings {
 
 /// What came of some cases.
 #[derive(Clone, Debug, Default)]
-pub struct Survived {
+pub(crate) struct Survived {
     /// Files that were still pictures.
-    pub read: usize,
+    pub(crate) read: usize,
     /// Files that were refused in a line.
-    pub refused: usize,
+    pub(crate) refused: usize,
     /// Pictures in which targets were looked for.
-    pub detected: usize,
+    pub(crate) detected: usize,
     /// Dots found in them.
-    pub dots: usize,
+    pub(crate) dots: usize,
     /// The longest case.
-    pub slowest: Duration,
+    pub(crate) slowest: Duration,
 }
 
 /// Tries a case; the reason where it panics.
-pub fn survive(case: u64, folder: &Path, survived: &mut Survived) -> Result<(), String> {
+pub(crate) fn survive(case: u64, folder: &Path, survived: &mut Survived) -> Result<(), String> {
     let begun = Instant::now();
     let mut random = ChaCha8Rng::seed_from_u64(case);
     let tried = catch_unwind(AssertUnwindSafe(|| match case % 3 {
