@@ -216,6 +216,41 @@ impl Network {
             .is_some_and(|c| c.basis == self.inputs)
     }
 
+    /// Why a code's reading is doubtful: it was set aside, or detection doubts it and the network does not bear it out.
+    #[must_use]
+    pub fn doubt_of<'a>(&self, image: &'a ImageEntry, reading: usize) -> Option<&'a str> {
+        let aside = image.set_aside.get(&reading);
+        let read = image.detections.as_ref()?.codes.get(reading)?;
+        let doubt = read
+            .doubt
+            .as_ref()
+            .filter(|_| !self.bears_out(image, reading));
+        aside.or(doubt).map(String::as_str)
+    }
+
+    /// Whether the network bears out a reading: its image is oriented, every dot is used under the code's own name, and other
+    /// images see these points too. The dots of a code that is read wrongly would lie elsewhere.
+    #[must_use]
+    pub fn bears_out(&self, image: &ImageEntry, reading: usize) -> bool {
+        /// Two rays pass each other closely anywhere on an epipolar line; a third does not by chance.
+        const LEAST_RAYS: u32 = 3;
+        let read = image.detections.as_ref().and_then(|d| d.codes.get(reading));
+        let (Some(read), Some(_), false) =
+            (read, &image.station, image.set_aside.contains_key(&reading))
+        else {
+            return false;
+        };
+        let points = PointId::of_code(read.family, read.id);
+        read.dots.iter().zip(points).all(|(dot, point)| {
+            let used = image
+                .labels
+                .get(dot)
+                .is_some_and(|label| label.point == point && label.rejected.is_none());
+            let rays = self.points.get(&point).map_or(0, |point| point.rays);
+            used && rays >= LEAST_RAYS
+        })
+    }
+
     /// Adds a finding unless the same one is there already.
     pub fn note(&mut self, finding: Finding) {
         if !self.findings.contains(&finding) {

@@ -1,6 +1,6 @@
 //! Detection: targets and codes of every image, a batch of images a step.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use rayon::prelude::*;
@@ -147,13 +147,8 @@ pub(super) fn findings(network: &Network) -> Vec<Finding> {
             note(FindingKind::UnreadableImage, id, reason.clone());
         }
         for reading in image.detections.iter().flat_map(|d| &d.codes) {
-            if let Some(doubt) = &reading.doubt {
-                let label = reading.family.code_label(reading.id);
-                note(
-                    FindingKind::DoubtfulCode,
-                    id,
-                    format!("{}: {label}: {doubt}", image.file.path),
-                );
+            if let Some(text) = doubt_in_words(image, reading) {
+                note(FindingKind::DoubtfulCode, id, text);
             }
         }
     }
@@ -166,6 +161,36 @@ pub(super) fn findings(network: &Network) -> Vec<Finding> {
     }
     findings.extend(separate_groups(&connectivity));
     findings
+}
+
+fn doubt_in_words(image: &ImageEntry, reading: &CodeReading) -> Option<String> {
+    let label = reading.family.code_label(reading.id);
+    let doubt = reading.doubt.as_ref()?;
+    Some(format!("{}: {label}: {doubt}", image.file.path))
+}
+
+/// Takes away the doubts of readings that the network bears out by now.
+pub(super) fn settle_doubts(network: &mut Network) {
+    let mut settled = BTreeSet::new();
+    for (id, image) in network.used_images() {
+        let readings = image.detections.iter().flat_map(|d| &d.codes);
+        for (place, reading) in readings.enumerate() {
+            if let Some(text) = doubt_in_words(image, reading)
+                && network.bears_out(image, place)
+            {
+                settled.insert((id, text));
+            }
+        }
+    }
+    let is_settled = |finding: &Finding| match finding.about {
+        About::Image(id) if finding.kind == FindingKind::DoubtfulCode => {
+            settled.contains(&(id, finding.text.clone()))
+        }
+        _ => false,
+    };
+    if network.findings.iter().any(is_settled) {
+        Arc::make_mut(&mut network.findings).retain(|finding| !is_settled(finding));
+    }
 }
 
 fn missing_codes(

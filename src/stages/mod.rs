@@ -184,6 +184,9 @@ impl Stage {
         for finding in findings {
             network.note(finding);
         }
+        if matches!(self, Stage::AdjustCodes | Stage::Adjust) {
+            detect::settle_doubts(&mut network);
+        }
         let outcome = match failure {
             Some(error) => {
                 network.note(Finding {

@@ -111,8 +111,13 @@ pub(super) struct CodeMark {
 }
 
 impl CodeMark {
-    fn of(entry: &ImageEntry, detections: &Detections, reading: usize, code: &CodeReading) -> Self {
-        let doubt = entry.set_aside.get(&reading).or(code.doubt.as_ref());
+    fn of(
+        entry: &ImageEntry,
+        detections: &Detections,
+        reading: usize,
+        code: &CodeReading,
+        doubt: Option<&str>,
+    ) -> Self {
         let (family, number) = entry
             .code_of_reading(reading)
             .unwrap_or((code.family, code.id));
@@ -134,7 +139,7 @@ impl CodeMark {
                 None => label,
             },
             axes: dots().take(3).map(|dot| dot.centre_px).collect(),
-            doubt: doubt.cloned(),
+            doubt: doubt.map(str::to_owned),
             spacing_px,
             dot_px: dots().next().map_or(0.0, |dot| dot.major_px),
         }
@@ -252,7 +257,7 @@ fn gathered(network: &Network, image: ImageId) -> Marks {
         .filter(|observation| observation.image == image)
         .map(|observation| (observation.dot, observation))
         .collect();
-    let of_codes = dots_of_codes(entry, detections);
+    let of_codes = dots_of_codes(network, entry, detections);
     let dots = (0..)
         .zip(&detections.dots)
         .map(|(slot, dot)| {
@@ -267,11 +272,10 @@ fn gathered(network: &Network, image: ImageId) -> Marks {
             )
         })
         .collect();
-    let codes = detections
-        .codes
-        .iter()
-        .enumerate()
-        .map(|(reading, code)| CodeMark::of(entry, detections, reading, code));
+    let codes = detections.codes.iter().enumerate().map(|(reading, code)| {
+        let doubt = network.doubt_of(entry, reading);
+        CodeMark::of(entry, detections, reading, code, doubt)
+    });
     Marks {
         dots,
         codes: codes.collect(),
@@ -298,17 +302,21 @@ struct OfCode {
     doubt: Option<String>,
 }
 
-fn dots_of_codes(entry: &ImageEntry, detections: &Detections) -> BTreeMap<DotIndex, OfCode> {
+fn dots_of_codes(
+    network: &Network,
+    entry: &ImageEntry,
+    detections: &Detections,
+) -> BTreeMap<DotIndex, OfCode> {
     let mut found = BTreeMap::new();
     for (reading, code) in detections.codes.iter().enumerate() {
-        let doubt = entry.set_aside.get(&reading).or(code.doubt.as_ref());
+        let doubt = network.doubt_of(entry, reading);
         for (dot, point) in code.dots.iter().zip(PointId::of_code(code.family, code.id)) {
             found.insert(
                 *dot,
                 OfCode {
                     reading,
                     point,
-                    doubt: doubt.cloned(),
+                    doubt: doubt.map(str::to_owned),
                 },
             );
         }

@@ -174,7 +174,7 @@ impl View<'_> {
         for (reading, code) in self.detections.codes.iter().enumerate() {
             let aside = self.image.set_aside.get(&reading);
             let settled = self.image.is_reading_of_operator(reading);
-            let Some(why) = aside.or(code.doubt.as_ref()) else {
+            let Some(why) = self.network.doubt_of(self.image, reading) else {
                 continue;
             };
             if why == SET_ASIDE_BY_OPERATOR || settled {

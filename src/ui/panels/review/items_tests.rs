@@ -47,6 +47,33 @@ fn a_doubtful_code_leaves_the_queue_by_either_decision() {
 }
 
 #[test]
+fn a_doubt_of_detection_is_over_when_the_network_bears_the_reading_out() {
+    let seen_by = |rays: u32| {
+        let mut network = network();
+        let point: PointId = "R14-5".parse().unwrap();
+        let image = network.image_mut(ImageId(1));
+        image.set_aside = Arc::default();
+        let label = crate::network::Label {
+            point,
+            source: crate::network::Source::Automatic,
+            rejected: None,
+        };
+        Arc::make_mut(&mut image.labels).insert(DotIndex(5), label);
+        let detections = Arc::make_mut(image.detections.as_mut().unwrap());
+        detections.codes[0].doubt = Some("a plain target may complete it".into());
+        let known = crate::network::Point {
+            position: nalgebra::Vector3::zeros(),
+            covariance: None,
+            rays,
+            circle: None,
+        };
+        Arc::make_mut(&mut network.points).insert(point, Arc::new(known));
+        of_kind(&network, ReviewKind::DoubtfulCode).len()
+    };
+    assert_eq!((seen_by(2), seen_by(3)), (1, 0));
+}
+
+#[test]
 fn a_dot_near_a_missing_target_is_offered_its_name() {
     let mut network = network();
     let image = network.images[&ImageId(1)].clone();
