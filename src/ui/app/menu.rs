@@ -113,15 +113,16 @@ impl App {
                 .collect();
             if let Some((title, progress)) = self.loader.progress() {
                 ui.spinner();
+                // Before the text, which grows as it counts: a button that moves away is missed.
+                if ui.button("Stop").clicked() {
+                    actions.push(Action::Interrupt);
+                }
                 let counted = if progress.total > 0 {
                     format!("{title}: {} of {}", progress.done, progress.total)
                 } else {
                     title.to_owned()
                 };
                 ui.label(counted);
-                if ui.button("Stop").clicked() {
-                    actions.push(Action::Interrupt);
-                }
             } else {
                 ui.label(self.message()).on_hover_text(earlier.join("\n"));
             }
