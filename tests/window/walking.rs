@@ -163,8 +163,12 @@ fn keys_typed_within_one_frame_mean_what_they_mean_one_by_one() {
         modifiers,
     };
     let mut typed = vec![press(Key::K, Modifiers::COMMAND)];
-    for letter in network.label(other.point).to_lowercase().chars() {
-        let key = Key::from_name(&letter.to_uppercase().to_string()).expect("a letter or digit");
+    let text = format!("point {}", network.label(other.point).to_lowercase());
+    for letter in text.chars() {
+        let key = match letter {
+            ' ' => Key::Space,
+            _ => Key::from_name(&letter.to_uppercase().to_string()).expect("a letter or digit"),
+        };
         typed.push(press(key, Modifiers::NONE));
         typed.push(Event::Text(letter.to_string()));
     }

@@ -187,7 +187,8 @@ impl App {
 
     /// Commands by their other keys, and what was dropped on the window.
     pub(super) fn shortcuts(&self, context: &Context) -> Vec<Action> {
-        let typing = context.text_edit_focused();
+        // The palette's field has the keyboard from its first frame on, before the focus is known.
+        let typing = context.text_edit_focused() || self.palette.open == Open::Commands;
         let mut actions = self.commands_by_key(context, |shortcut| {
             !(shortcut.modifiers.alt || typing && belongs_to_text(shortcut))
         });
