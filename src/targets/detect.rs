@@ -5,10 +5,10 @@ use std::cmp::Ordering;
 use nalgebra::Vector2;
 use rayon::prelude::*;
 
-use super::columns::Columns;
-use super::dot::{DotSettings, MeasuredDot, Standing, View, measure_dot};
+use super::dot::{DotSettings, MeasuredDot, Room, Standing, View, measure_dot};
 use super::finding::{Candidate, CandidateSettings, Ground, Strength, candidates, settled};
-use super::ring::{RingOutcome, read_ring};
+use super::ring::{RingFrame, RingOutcome, read_ring};
+use super::rows::ByRows;
 use super::{
     CodeReading, Detections, Dot, Dot420Settings, DotIndex, Family, Rejected, read_dot420,
 };
@@ -66,8 +66,17 @@ pub fn detect_unless_interrupted(
     };
     let (dots, mut rejected) = find_dots(&view, &tiles, settings, monitor)?;
     let rings = read_rings(&view, &dots, families, monitor)?;
-    let kept = without_rings(&dots, &rings);
-    rejected.retain(|place| !inside_a_target(place.place_px, &dots, &rings));
+    let read = read_frames(&dots, &rings);
+    let kept = without_rings(&dots, &rings, &read);
+    let by_rows = ByRows::new(dots.iter().map(|dot| {
+        let reach = dot.ellipse.half_extent().y;
+        (dot.dot.centre_px.y, reach, &dot.ellipse)
+    }));
+    rejected.retain(|Rejected { place_px, .. }| {
+        let mut near = by_rows.near(place_px.y);
+        let inside = near.any(|ellipse| ellipse.level(*place_px) < 1.0);
+        !inside && !in_a_ring(*place_px, None, &read)
+    });
     let mut codes = Vec::new();
     let mut place_of = vec![None; dots.len()];
     for (place, &slot) in kept.iter().enumerate() {
@@ -76,7 +85,9 @@ pub fn detect_unless_interrupted(
     for (slot, outcome) in rings.iter().enumerate() {
         let Some(place) = place_of[slot] else {
             let dot = &dots[slot];
-            if dot.standing == Standing::Tentative && !in_a_ring(dot.dot.centre_px, slot, &rings) {
+            if dot.standing == Standing::Tentative
+                && !in_a_ring(dot.dot.centre_px, Some(slot), &read)
+            {
                 rejected.push(unconfirmed(dot));
             }
             continue;
@@ -142,9 +153,9 @@ fn find_dots(
     let measured: Vec<_> = found
         .places
         .into_par_iter()
-        .map_init(Columns::default, |pixels, place| {
+        .map_init(Room::default, |room, place| {
             monitor.check()?;
-            Ok((place, measure_dot(view, &place, &settings.dots, pixels)))
+            Ok((place, measure_dot(view, &place, &settings.dots, room)))
         })
         .collect::<Result<_, Interrupted>>()?;
     let mut dots = Vec::new();
@@ -310,8 +321,28 @@ fn read_rings(
         .collect()
 }
 
+/// The codes that were read, each with the slot of its dot.
+fn read_frames<'a>(
+    dots: &[MeasuredDot],
+    rings: &'a [RingOutcome],
+) -> ByRows<(usize, &'a RingFrame)> {
+    let read = rings.iter().zip(dots).enumerate();
+    ByRows::new(read.filter_map(|(slot, (outcome, dot))| match outcome {
+        RingOutcome::Read(ring) => {
+            // The frame of a ring is refined, by less than a quarter of its size.
+            let reach = 1.25 * RING.end * dot.ellipse.half_extent().y;
+            Some((dot.dot.centre_px.y, reach, (slot, &ring.frame)))
+        }
+        _ => None,
+    }))
+}
+
 /// The dots without those that are segments of a ring that was read, and without those that no code confirmed.
-fn without_rings(dots: &[MeasuredDot], rings: &[RingOutcome]) -> Vec<usize> {
+fn without_rings(
+    dots: &[MeasuredDot],
+    rings: &[RingOutcome],
+    read: &ByRows<(usize, &RingFrame)>,
+) -> Vec<usize> {
     (0..dots.len())
         .filter(|&slot| {
             let confirmed = match &rings[slot] {
@@ -319,25 +350,18 @@ fn without_rings(dots: &[MeasuredDot], rings: &[RingOutcome]) -> Vec<usize> {
                 _ => false,
             };
             let stands = dots[slot].standing == Standing::Firm || confirmed;
-            stands && !in_a_ring(dots[slot].dot.centre_px, slot, rings)
+            stands && !in_a_ring(dots[slot].dot.centre_px, Some(slot), read)
         })
         .collect()
 }
 
-fn in_a_ring(place: Vector2<f64>, own: usize, rings: &[RingOutcome]) -> bool {
-    /// Segments have their centres between the ring's edges.
-    const RING: std::ops::Range<f64> = 1.5..3.2;
-    rings
-        .iter()
-        .enumerate()
-        .any(|(slot, outcome)| match outcome {
-            RingOutcome::Read(ring) => slot != own && RING.contains(&ring.frame.radius_at(place)),
-            _ => false,
-        })
-}
+/// Segments have their centres between the ring's edges, in radii of the dot.
+const RING: std::ops::Range<f64> = 1.5..3.2;
 
-fn inside_a_target(place: Vector2<f64>, dots: &[MeasuredDot], rings: &[RingOutcome]) -> bool {
-    dots.iter().any(|dot| dot.ellipse.level(place) < 1.0) || in_a_ring(place, usize::MAX, rings)
+/// Whether a place, that of the dot `own` or of none, lies in the ring of another dot.
+fn in_a_ring(place: Vector2<f64>, own: Option<usize>, read: &ByRows<(usize, &RingFrame)>) -> bool {
+    read.near(place.y)
+        .any(|(slot, frame)| own != Some(*slot) && RING.contains(&frame.radius_at(place)))
 }
 
 /// A code exists once: where it is read twice in a picture, either may be wrong.

@@ -8,8 +8,8 @@ use super::ellipse::{Axes, Ellipse, Nested};
 use super::finding::{Candidate, Kind};
 use super::fit::{Fit, Freedom, Rest, correct, drop_foreign, fit, slope_to_expect};
 use super::profile::Profile;
-use super::trust::trust;
-use super::window::{WindowSettings, take_pixels};
+use super::trust::{Leverage, Trust, trust};
+use super::window::{Company, WindowSettings, take_pixels};
 use crate::imaging::GreyImage;
 
 /// What is accepted as the image of a round target.
@@ -130,7 +130,14 @@ impl Reach {
     }
 }
 
-/// Measures a candidate; the columns are room to work in.
+/// Room to measure one dot after the other in.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Room {
+    pixels: Columns,
+    leverage: Leverage,
+}
+
+/// Measures a candidate.
 ///
 /// # Errors
 /// The reason why it is no target, in the operator's words.
@@ -138,7 +145,7 @@ pub(super) fn measure_dot(
     view: &View,
     candidate: &Candidate,
     settings: &DotSettings,
-    pixels: &mut Columns,
+    room: &mut Room,
 ) -> Result<MeasuredDot, String> {
     if candidate.at_border {
         return Err("cut off at the picture's border".into());
@@ -155,7 +162,7 @@ pub(super) fn measure_dot(
             Standing::Tentative
         }
     };
-    let open = measure_in(view, candidate, Surroundings::Open, settings, pixels);
+    let open = measure_in(view, candidate, Surroundings::Open, settings, room);
     if let Ok(dot) = open {
         let standing = firm_if(candidate.kind != Kind::Bump);
         return Ok(MeasuredDot { standing, ..dot });
@@ -163,7 +170,7 @@ pub(super) fn measure_dot(
     if !is_rimmed(view, candidate) {
         return open;
     }
-    match measure_in(view, candidate, Surroundings::Rim, settings, pixels) {
+    match measure_in(view, candidate, Surroundings::Rim, settings, room) {
         Ok(dot) => {
             let standing = firm_if(candidate.kind != Kind::Bump && !is_small(candidate));
             Ok(MeasuredDot { standing, ..dot })
@@ -227,25 +234,28 @@ fn measure_in(
     candidate: &Candidate,
     surroundings: Surroundings,
     settings: &DotSettings,
-    pixels: &mut Columns,
+    room: &mut Room,
 ) -> Result<MeasuredDot, String> {
     let unfitted = "no ellipse can be fitted";
+    let Room { pixels, leverage } = room;
     let origin = candidate.ellipse.centre;
-    let first = first_fit(view, candidate, surroundings, pixels).ok_or(unfitted)?;
+    let (first, company) = first_fit(view, candidate, surroundings, pixels).ok_or(unfitted)?;
     plausible(candidate, &first)?;
     let second = match surroundings {
         Surroundings::Open if !hopeless(&first) => {
-            second_fit(view, candidate, &first, pixels).ok_or(unfitted)?
+            second_fit(view, candidate, &first, company, pixels).ok_or(unfitted)?
         }
         _ => first,
     };
     plausible(candidate, &second)?;
     let mut second = second;
+    pixels.use_all();
     second.fill(pixels, view.clipping);
     if is_bent(&second) {
         correct(pixels, &mut second);
     }
-    judged(view, origin, &second, pixels, settings)
+    let trust = trust(pixels, &second, leverage).ok_or(unfitted)?;
+    judged(view, origin, &second, &trust, settings)
 }
 
 /// Whether the profile, which takes the edge as straight within its blur and the pixel as a part of it, moves the centre by
@@ -275,7 +285,7 @@ fn first_fit(
     candidate: &Candidate,
     surroundings: Surroundings,
     pixels: &mut Columns,
-) -> Option<Fit> {
+) -> Option<(Fit, Company)> {
     let origin = candidate.ellipse.centre;
     let ellipse = Ellipse {
         centre: Vector2::zeros(),
@@ -298,21 +308,26 @@ fn first_fit(
         margin,
         guard,
     };
-    take_pixels(view.image, &guess, &window, pixels);
+    let company = take_pixels(view.image, &guess, &window, pixels);
     let (background, amplitude) = first_grey_values(pixels, &guess, off_edge)?;
     let start = Profile::new(&ellipse, FIRST_BLUR, background, amplitude);
     let rest = match surroundings {
-        Surroundings::Open => Rest::Rough,
+        Surroundings::Open => {
+            pixels.use_coarse();
+            Rest::Rough
+        }
         Surroundings::Rim => Rest::Fine,
     };
-    fit(pixels, start, freedom, rest, view.clipping)
+    let first = fit(pixels, start, freedom, rest, view.clipping)?;
+    Some((first, company))
 }
 
 /// Background and amplitude from the pixels off the edge; `None` where too few of either are seen.
 fn first_grey_values(pixels: &Columns, guess: &Profile, off_edge: f64) -> Option<(f64, f64)> {
     let ellipse = guess.ellipse();
     let dark = Nested::of(&ellipse, -off_edge)?;
-    let (mut outside, mut inside) = (Vec::new(), Vec::new());
+    let room = || Vec::with_capacity(pixels.len());
+    let (mut outside, mut inside) = (room(), room());
     for (slot, &grey) in pixels.greys().iter().enumerate().take(pixels.len()) {
         let place = pixels.place(slot);
         if !dark.holds(place) {
@@ -336,15 +351,20 @@ fn second_fit(
     view: &View,
     candidate: &Candidate,
     first: &Fit,
+    company: Company,
     pixels: &mut Columns,
 ) -> Option<Fit> {
     /// A slope of the amplitude is told from a shift when the dot's smaller radius is this many blurs.
     const CORE_FOR_SLOPE: f64 = 5.0;
     /// A guard wrong by less, px, is good enough.
     const SAME_GUARD: f64 = 0.3;
-    let Reach { margin, guard } = Reach::of(first.profile.blur(), candidate);
+    /// With a blur this much larger than the first guess pixels of the edge may have been taken for the core's.
+    const SAME_BLUR: f64 = 1.2 * FIRST_BLUR;
+    let blur = first.profile.blur();
+    let Reach { margin, guard } = Reach::of(blur, candidate);
     let taken = Reach::of(FIRST_BLUR, candidate);
-    if margin > taken.margin || (guard - taken.guard).abs() > SAME_GUARD {
+    let guarded = company == Company::Alone || (guard - taken.guard).abs() <= SAME_GUARD;
+    if margin > taken.margin || blur > SAME_BLUR || !guarded {
         let window = WindowSettings {
             origin: candidate.ellipse.centre,
             level: candidate.level,
@@ -353,6 +373,7 @@ fn second_fit(
         };
         take_pixels(view.image, &first.profile, &window, pixels);
     }
+    pixels.use_all();
     drop_foreign(pixels, first, view.noise, view.clipping);
     let minor = first.profile.ellipse().axes()?.minor;
     let even = fit(
@@ -410,7 +431,7 @@ fn judged(
     view: &View,
     origin: Vector2<f64>,
     fit: &Fit,
-    pixels: &mut Columns,
+    trust: &Trust,
     settings: &DotSettings,
 ) -> Result<MeasuredDot, String> {
     let profile = &fit.profile;
@@ -421,7 +442,6 @@ fn judged(
     };
     let axes = ellipse.axes().ok_or("no ellipse can be fitted")?;
     let contrast = profile.amplitude();
-    let trust = trust(pixels, fit).ok_or("no ellipse can be fitted")?;
     // Residuals that chance alone gives (two standard deviations of their variance) are no misfit: it matters to faint dots.
     let by_chance = 1.0 + 2.0 * (2.0 / trust.dot_redundancy.max(1.0)).sqrt();
     let misfit = (trust.dot_residual.powi(2) - by_chance * view.noise.powi(2))

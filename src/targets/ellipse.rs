@@ -82,7 +82,7 @@ impl Ellipse {
     }
 }
 
-/// An ellipse of the same centre and direction as another, its semi-axes longer or shorter by a length.
+/// An ellipse of the same centre and direction as another, its semi-axes longer or shorter by a length or by a factor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Nested(Ellipse);
 
@@ -96,6 +96,14 @@ impl Nested {
             ..axes
         };
         (nested.minor > 0.0).then(|| Self(Ellipse::from_axes(ellipse.centre, nested)))
+    }
+
+    /// The level of `ellipse` that is `factor`, which is positive.
+    pub(super) fn at_level(ellipse: &Ellipse, factor: f64) -> Self {
+        Self(Ellipse {
+            shape: ellipse.shape / (factor * factor),
+            ..*ellipse
+        })
     }
 
     /// Where a row at `y` enters and leaves it; `None` where it passes by.

@@ -1,5 +1,6 @@
 //! Least-squares fit of a dot's profile by Levenberg-Marquardt steps.
 
+use bytemuck::cast_slice;
 use nalgebra::SMatrix;
 
 use super::columns::Columns;
@@ -7,6 +8,9 @@ use super::profile::{BLUR, PARAMETERS, Parameters, Profile};
 
 /// Normal equations, or their inverse.
 pub(super) type Normal = SMatrix<f64, PARAMETERS, PARAMETERS>;
+
+/// The first parameters: those of an even amplitude.
+const EVEN: usize = 10;
 
 /// Which parameters a fit may move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,7 +27,7 @@ impl Freedom {
     fn moves(self, parameter: usize) -> bool {
         match self {
             Freedom::Rimmed => !matches!(parameter, 7 | 8 | 10 | 11),
-            Freedom::Even => parameter < 10,
+            Freedom::Even => parameter < EVEN,
             Freedom::Sloping => true,
         }
     }
@@ -68,7 +72,7 @@ impl Rest {
     /// The centre has come to rest when its next step is less than this, px.
     fn step(self) -> f64 {
         match self {
-            Rest::Rough => 5e-3,
+            Rest::Rough => 2e-2,
             Rest::Fine => 1e-4,
         }
     }
@@ -77,7 +81,7 @@ impl Rest {
     /// distance from the minimum in sigmas.
     fn gain(self) -> f64 {
         match self {
-            Rest::Rough => 1.0,
+            Rest::Rough => 4.0,
             Rest::Fine => 1e-3,
         }
     }
@@ -90,7 +94,10 @@ impl Rest {
     }
 }
 
+#[derive(Clone, Copy)]
 struct Equations {
+    /// Whether slopes of the amplitude move.
+    slopes: bool,
     normal: Normal,
     right: Parameters,
     cost: f64,
@@ -181,6 +188,7 @@ fn build(
         }
     }
     Equations {
+        slopes: freedom == Freedom::Sloping,
         normal,
         right,
         cost: pixels.cost(),
@@ -196,7 +204,18 @@ fn solve(equations: &Equations, damping: f64) -> Option<Parameters> {
         scaled[(i, i)] += damping;
     }
     let right = equations.right.component_mul(&scale);
-    let step = scaled.cholesky()?.solve(&right).component_mul(&scale);
+    // The last rows of a fit without slopes of the amplitude are those of the unit matrix.
+    let step = if equations.slopes {
+        scaled.cholesky()?.solve(&right)
+    } else {
+        let leading = scaled.fixed_view::<EVEN, EVEN>(0, 0).into_owned();
+        let step = leading.cholesky()?.solve(&right.fixed_rows::<EVEN>(0));
+        Parameters::from_fn(|parameter, _| match parameter < EVEN {
+            true => step[parameter],
+            false => 0.0,
+        })
+    };
+    let step = step.component_mul(&scale);
     step.iter().all(|value| value.is_finite()).then_some(step)
 }
 
@@ -211,10 +230,18 @@ fn unit_scale(normal: &Normal) -> Option<Parameters> {
 /// Whether an amplitude that slopes explains more than noise would let it, to first order from an even one at rest (a
 /// score test): the gain of the next step with two more parameters, as a value of F.
 pub(super) fn slope_to_expect(pixels: &mut Columns, even: &Fit, clipping: Option<f64>) -> f64 {
-    let equations = build(pixels, &even.profile, Freedom::Sloping, clipping);
-    let gain = solve(&equations, 0.0).map_or(0.0, |step| step.dot(&equations.right));
-    let freedom = equations.used as f64 - Freedom::Sloping.count() as f64;
-    0.5 * gain * freedom / (equations.cost - gain).max(f64::MIN_POSITIVE)
+    let sloping = build(pixels, &even.base, Freedom::Sloping, clipping);
+    // What is left to gain by the other parameters alone: next to nothing, but so may be the rest.
+    let held = Equations {
+        slopes: false,
+        ..sloping
+    };
+    let gain = |equations: &Equations| {
+        solve(equations, 0.0).map_or(0.0, |step| step.dot(&equations.right))
+    };
+    let (whole, held) = (gain(&sloping), gain(&held));
+    let freedom = sloping.used as f64 - Freedom::Sloping.count() as f64;
+    0.5 * (whole - held) * freedom / (sloping.cost - whole).max(f64::MIN_POSITIVE)
 }
 
 /// Drops background pixels that the fit cannot explain: text, scratches, faint neighbours. Pixels of the dot and its
@@ -224,21 +251,20 @@ pub(super) fn drop_foreign(pixels: &mut Columns, fit: &Fit, noise: f64, clipping
     /// The background begins here, blurs off the edge.
     const OFF_EDGE: f32 = -2.5;
     pixels.evaluate(&fit.profile, clipping);
-    let both = pixels.blurs().iter().zip(pixels.misfits());
-    let mut sizes: Vec<f32> = both
+    let [blurs, misfits] = [pixels.blurs(), pixels.misfits()].map(cast_slice::<_, f32>);
+    let both = blurs.iter().zip(misfits);
+    let far = both
         .take(pixels.len())
-        .filter(|&(&blurs, _)| blurs < OFF_EDGE)
-        .map(|(_, misfit)| misfit.abs())
-        .collect();
+        .filter(|&(&blurs, _)| blurs < OFF_EDGE);
+    let mut sizes = Vec::with_capacity(pixels.len());
+    sizes.extend(far.map(|(_, misfit)| misfit.abs()));
     if sizes.is_empty() {
         return;
     }
     let half = sizes.len() / 2;
     let (_, &mut median, _) = sizes.select_nth_unstable_by(half, f32::total_cmp);
     let limit = (LARGEST * (1.4826 * f64::from(median)).max(noise)) as f32;
-    pixels.retain(|pixels, slot| {
-        pixels.blurs()[slot] >= OFF_EDGE || pixels.misfits()[slot].abs() <= limit
-    });
+    pixels.retain(|blurs, misfit| blurs >= OFF_EDGE || misfit.abs() <= limit);
 }
 
 /// Moves a fit at rest to where the exact picture of the dot fits best.
@@ -258,6 +284,7 @@ pub(super) fn correct(pixels: &mut Columns, fit: &mut Fit) {
             right[parameter] = pixels.products(parameter).0;
         }
         let equations = Equations {
+            slopes: fit.freedom == Freedom::Sloping,
             normal: fit.normal,
             right,
             cost,
@@ -306,7 +333,15 @@ impl Fit {
     pub(super) fn cofactor(&self) -> Option<Normal> {
         let scale = unit_scale(&self.normal)?;
         let scaled = Normal::from_fn(|i, j| self.normal[(i, j)] * scale[i] * scale[j]);
-        let inverse = scaled.cholesky()?.inverse();
+        let inverse = if self.freedom == Freedom::Sloping {
+            scaled.cholesky()?.inverse()
+        } else {
+            let leading = scaled.fixed_view::<EVEN, EVEN>(0, 0).into_owned();
+            let inverse = leading.cholesky()?.inverse();
+            let mut whole = Normal::zeros();
+            whole.fixed_view_mut::<EVEN, EVEN>(0, 0).copy_from(&inverse);
+            whole
+        };
         Some(Normal::from_fn(|i, j| {
             if self.freedom.moves(i) && self.freedom.moves(j) {
                 inverse[(i, j)] * scale[i] * scale[j]

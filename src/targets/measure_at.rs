@@ -3,8 +3,7 @@
 use nalgebra::Vector2;
 
 use super::Dot;
-use super::columns::Columns;
-use super::dot::{DotSettings, MeasuredDot, View, measure_dot};
+use super::dot::{DotSettings, MeasuredDot, Room, View, measure_dot};
 use super::ellipse::Ellipse;
 use super::finding::{Candidate, CandidateSettings, Kind, candidates, settled};
 use crate::imaging::{BitDepth, GreyImage, LevelSettings, LevelTree, Region, noise_level};
@@ -114,7 +113,7 @@ impl CutOut {
         ] {
             let mut best: Option<MeasuredDot> = None;
             for candidate in places {
-                match measure_dot(&view, &candidate, &settings.dots, &mut Columns::default()) {
+                match measure_dot(&view, &candidate, &settings.dots, &mut Room::default()) {
                     Ok(dot) if is_near(&dot.ellipse, place, settings.reach_px) => {
                         if best.as_ref().is_none_or(|known| dot.misfit < known.misfit) {
                             best = Some(dot);

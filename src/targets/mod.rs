@@ -37,11 +37,13 @@ mod exact;
 mod family;
 mod finding;
 mod fit;
+mod lanes;
 mod measure_at;
 mod profile;
 #[cfg(test)]
 mod rendering;
 mod ring;
+mod rows;
 pub mod sheet;
 mod trust;
 mod window;

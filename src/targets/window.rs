@@ -1,8 +1,10 @@
 //! The pixels round a dot that a fit may use.
 
+use std::ops::Range;
+
 use nalgebra::Vector2;
 
-use super::columns::Columns;
+use super::columns::{Columns, FLAT};
 use super::ellipse::Nested;
 use super::profile::Profile;
 use crate::imaging::GreyImage;
@@ -25,6 +27,11 @@ const CORE_BLURS: f64 = 4.0;
 /// About this many of them are kept.
 const CORE_PIXELS: f64 = 300.0;
 
+/// Bright pixels on this level of the ellipse are the dot's.
+const INNER: f64 = 0.7;
+/// The dot's own pixels end here; what hangs together with it farther out is a neighbour that touches it.
+const OUTER: f64 = 1.6;
+
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Owner {
     Background,
@@ -32,14 +39,23 @@ enum Owner {
     Neighbour,
 }
 
+/// Whether anything bright was seen beside the dot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Company {
+    Alone,
+    Neighbours,
+}
+
 /// Fills the columns with the pixels of the dot and of the background round it, without its neighbours; with none where
-/// nothing bright lies at the dot's place.
-pub(super) fn take_pixels(
-    image: &GreyImage,
+/// nothing bright lies at the dot's place. Every second row
+/// of the dot and its edge comes first, for a first look; pixels on which the edge has no effect, as far as the profile can tell,
+/// come last.
+pub(super) fn take_pixels<'a>(
+    image: &'a GreyImage,
     profile: &Profile,
     settings: &WindowSettings,
     pixels: &mut Columns,
-) {
+) -> Company {
     pixels.clear();
     let ellipse = profile.ellipse();
     let centre = settings.origin + ellipse.centre;
@@ -50,17 +66,18 @@ pub(super) fn take_pixels(
     let columns = first(centre.x - half.x)..(first(centre.x + half.x) + 1).min(image.width());
     let rows = first(centre.y - half.y)..(first(centre.y + half.y) + 1).min(image.height());
     if columns.is_empty() || rows.is_empty() {
-        return;
+        return Company::Alone;
     }
     let width = columns.len();
-    let mut owners = vec![Owner::Background; width * rows.len()];
-    for (index, row) in rows.clone().enumerate() {
-        let samples = &image.row(row)[columns.clone()];
-        for (owner, &grey) in owners[index * width..].iter_mut().zip(samples) {
-            if f64::from(grey) > settings.level {
-                *owner = Owner::Neighbour;
-            }
-        }
+    // The least whole grey value that is brighter than the level, as far as there is one.
+    let least = (settings.level.floor() + 1.0).clamp(0.0, f64::from(u16::MAX)) as u16;
+    let mut owners = Vec::with_capacity(width * rows.len());
+    for row in rows.clone() {
+        let samples = image.row(row)[columns.clone()].iter();
+        owners.extend(samples.map(|&grey| match grey >= least {
+            true => Owner::Neighbour,
+            false => Owner::Background,
+        }));
     }
     let place = |column: usize, row: usize| {
         Vector2::new(
@@ -68,13 +85,29 @@ pub(super) fn take_pixels(
             (rows.start + row) as f64 + 0.5,
         ) - settings.origin
     };
-    flood_dot(&mut owners, width, |column, row| {
-        ellipse.level(place(column, row))
-    });
-    guard_neighbours(&mut owners, width, settings.guard);
-
+    let columns_within = |nested: &Nested, row: usize| {
+        let first = place(0, row);
+        // The first column at or beyond a place; without a call for rounding.
+        let column_at = |x: f64| {
+            let columns = (x - first.x).clamp(0.0, width as f64);
+            let whole = columns as usize;
+            whole + usize::from((whole as f64) < columns)
+        };
+        let reached = nested.along_row(first.y);
+        reached.map_or(0..0, |[enters, leaves]| {
+            column_at(enters)..column_at(leaves)
+        })
+    };
+    let within = |level: f64| -> Vec<Range<usize>> {
+        let nested = Nested::at_level(&ellipse, level);
+        (0..rows.len())
+            .map(|row| columns_within(&nested, row))
+            .collect()
+    };
+    flood_dot(&mut owners, width, &within(INNER), &within(OUTER));
+    let company = guard_neighbours(&mut owners, width, settings.guard);
     let Some(axes) = ellipse.axes() else {
-        return;
+        return company;
     };
     let core = axes.minor - CORE_BLURS * profile.blur();
     let stride = if core > 0.0 {
@@ -83,79 +116,94 @@ pub(super) fn take_pixels(
         1
     };
     let Some(seen) = Nested::of(&ellipse, settings.margin) else {
-        return;
+        return company;
     };
+    let edge = Nested::of(&ellipse, f64::from(FLAT) * profile.blur());
+    let (mut between, mut far) = (Vec::new(), Vec::new());
     let inner = Nested::of(&ellipse, -CORE_BLURS * profile.blur()).filter(|_| stride > 1);
     for row in 0..rows.len() {
         let samples = &image.row(rows.start + row)[columns.clone()];
         let owners = &owners[row * width..(row + 1) * width];
-        let first = place(0, row);
-        let Some(reached) = seen.along_row(first.y) else {
-            continue;
-        };
-        let column_at = |x: f64| (x - first.x).ceil().clamp(0.0, width as f64) as usize;
-        let mut column = column_at(reached[0]);
-        let end = column_at(reached[1]);
-        // Stretches between neighbours, and between core pixels that are left out.
-        let core = inner.as_ref().and_then(|inner| inner.along_row(first.y));
-        let core = core.map_or(width..width, |core| column_at(core[0])..column_at(core[1]));
+        let seen = columns_within(&seen, row);
+        let edge = edge.as_ref().map_or(0..0, |edge| columns_within(edge, row));
+        let core = inner
+            .as_ref()
+            .map_or(0..0, |inner| columns_within(inner, row));
         let is_out = |column: usize| {
-            let kept = row.is_multiple_of(stride) && column.is_multiple_of(stride);
-            let thinned = core.contains(&column) && !kept;
-            thinned || owners[column] == Owner::Neighbour
+            let kept = || row.is_multiple_of(stride) && column.is_multiple_of(stride);
+            owners[column] == Owner::Neighbour || core.contains(&column) && !kept()
         };
-        while column < end {
-            let begin = column;
-            while column < end && !is_out(column) {
-                column += 1;
+        let first = place(0, row);
+        // Stretches between neighbours, and between core pixels that are left out.
+        let stretches = |part: Range<usize>, take: &mut dyn FnMut([f32; 2], &'a [u16])| {
+            let mut column = part.start;
+            while column < part.end {
+                let begin = column;
+                while column < part.end && !is_out(column) {
+                    column += 1;
+                }
+                let start = [(first.x + begin as f64) as f32, first.y as f32];
+                take(start, &samples[begin..column]);
+                while column < part.end && is_out(column) {
+                    column += 1;
+                }
             }
-            let start = [(first.x + begin as f64) as f32, first.y as f32];
-            pixels.push_row(start, &samples[begin..column]);
-            while column < end && is_out(column) {
-                column += 1;
-            }
+        };
+        let [from, to] = [edge.start, edge.end].map(|column| column.clamp(seen.start, seen.end));
+        stretches(from..to, &mut |start, greys| match row % 2 {
+            0 => pixels.push_row(start, greys),
+            _ => between.push((start, greys)),
+        });
+        for part in [seen.start..from, to..seen.end] {
+            stretches(part, &mut |start, greys| far.push((start, greys)));
         }
     }
+    pixels.end_coarse();
+    for (start, greys) in between.into_iter().chain(far) {
+        pixels.push_row(start, greys);
+    }
+    company
 }
 
-/// Gives the dot the bright pixels that hang together with those inside its ellipse's inner half.
-fn flood_dot(owners: &mut [Owner], width: usize, level: impl Fn(usize, usize) -> f64) {
-    const INNER: f64 = 0.7;
-    /// The dot's own pixels end here; what hangs together with it farther out is a neighbour that touches it.
-    const OUTER: f64 = 1.6;
+/// Gives the dot the bright pixels that hang together with those within `inner`, as far as `outer`; both row by row.
+fn flood_dot(owners: &mut [Owner], width: usize, inner: &[Range<usize>], outer: &[Range<usize>]) {
     let mut stack = Vec::new();
-    for (row, owners) in owners.chunks(width).enumerate() {
-        for (column, &owner) in owners.iter().enumerate() {
-            if owner == Owner::Neighbour && level(column, row) < INNER {
-                stack.push(row * width + column);
+    for (row, columns) in inner.iter().enumerate() {
+        let owners = &mut owners[row * width..(row + 1) * width];
+        for (owner, column) in owners[columns.clone()].iter_mut().zip(columns.clone()) {
+            if *owner == Owner::Neighbour {
+                *owner = Owner::Dot;
+                stack.push((row, column));
             }
         }
     }
-    for &slot in &stack {
-        owners[slot] = Owner::Dot;
-    }
-    while let Some(slot) = stack.pop() {
-        let column = slot % width;
+    while let Some((row, column)) = stack.pop() {
         let neighbours = [
-            (column > 0).then(|| slot - 1),
-            (column + 1 < width).then_some(slot + 1),
-            slot.checked_sub(width),
-            (slot + width < owners.len()).then_some(slot + width),
+            (row, column.wrapping_sub(1)),
+            (row, column + 1),
+            (row.wrapping_sub(1), column),
+            (row + 1, column),
         ];
-        for next in neighbours.into_iter().flatten() {
-            if owners[next] == Owner::Neighbour && level(next % width, next / width) < OUTER {
-                owners[next] = Owner::Dot;
-                stack.push(next);
+        for (row, column) in neighbours {
+            let reached = outer
+                .get(row)
+                .is_some_and(|columns| columns.contains(&column));
+            if reached && owners[row * width + column] == Owner::Neighbour {
+                owners[row * width + column] = Owner::Dot;
+                stack.push((row, column));
             }
         }
     }
 }
 
 /// Gives the neighbours the background within the guard distance, because their blurred edges reach there.
-fn guard_neighbours(owners: &mut [Owner], width: usize, guard: f64) {
+fn guard_neighbours(owners: &mut [Owner], width: usize, guard: f64) -> Company {
     let bright: Vec<usize> = (0..owners.len())
         .filter(|&slot| owners[slot] == Owner::Neighbour)
         .collect();
+    if bright.is_empty() {
+        return Company::Alone;
+    }
     let height = owners.len() / width;
     let reach = guard.ceil() as isize;
     for slot in bright {
@@ -175,4 +223,5 @@ fn guard_neighbours(owners: &mut [Owner], width: usize, guard: f64) {
             }
         }
     }
+    Company::Neighbours
 }

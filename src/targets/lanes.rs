@@ -1,0 +1,128 @@
+//! Eight numbers that go together through a loop.
+//!
+//! The compiler makes vector instructions of whatever width the machine has out of them; the digits are the same with all, because
+//! every lane is computed by itself and sums are taken lane by lane.
+
+use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
+
+use bytemuck::{Pod, Zeroable};
+use pulp::{Arch, NullaryFnOnce};
+
+/// Numbers in [`Lanes`].
+pub(super) const LANES: usize = 8;
+
+/// A loop over lanes, run with the widest instructions that the machine has: its body must be `inline(always)`, as
+/// must all that it calls.
+pub(super) fn run<L: NullaryFnOnce>(body: L) -> L::Output {
+    Arch::new().dispatch(body)
+}
+
+/// Eight numbers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C, align(32))]
+pub(super) struct Lanes(pub(super) [f32; LANES]);
+
+impl Lanes {
+    pub(super) const ZERO: Self = Self([0.0; LANES]);
+    pub(super) const ONE: Self = Self([1.0; LANES]);
+
+    #[inline(always)]
+    pub(super) const fn splat(number: f32) -> Self {
+        Self([number; LANES])
+    }
+
+    #[inline(always)]
+    pub(super) fn map(self, of: impl Fn(f32) -> f32) -> Self {
+        let mut numbers = self.0;
+        for number in &mut numbers {
+            *number = of(*number);
+        }
+        Self(numbers)
+    }
+
+    #[inline(always)]
+    pub(super) fn zip(self, other: Self, of: impl Fn(f32, f32) -> f32) -> Self {
+        let mut numbers = self.0;
+        for (number, other) in numbers.iter_mut().zip(other.0) {
+            *number = of(*number, other);
+        }
+        Self(numbers)
+    }
+
+    #[inline(always)]
+    pub(super) fn sqrt(self) -> Self {
+        self.map(f32::sqrt)
+    }
+
+    /// Sum in double precision, in the order of the lanes.
+    #[inline(always)]
+    pub(super) fn sum(self) -> f64 {
+        self.0.into_iter().map(f64::from).sum()
+    }
+}
+
+impl Add for Lanes {
+    type Output = Self;
+
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        self.zip(other, |a, b| a + b)
+    }
+}
+
+impl Sub for Lanes {
+    type Output = Self;
+
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        self.zip(other, |a, b| a - b)
+    }
+}
+
+impl Mul for Lanes {
+    type Output = Self;
+
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        self.zip(other, |a, b| a * b)
+    }
+}
+
+impl Div for Lanes {
+    type Output = Self;
+
+    #[inline(always)]
+    fn div(self, other: Self) -> Self {
+        self.zip(other, |a, b| a / b)
+    }
+}
+
+impl AddAssign for Lanes {
+    #[inline(always)]
+    fn add_assign(&mut self, other: Self) {
+        *self = *self + other;
+    }
+}
+
+impl SubAssign for Lanes {
+    #[inline(always)]
+    fn sub_assign(&mut self, other: Self) {
+        *self = *self - other;
+    }
+}
+
+impl MulAssign for Lanes {
+    #[inline(always)]
+    fn mul_assign(&mut self, other: Self) {
+        *self = *self * other;
+    }
+}
+
+impl Neg for Lanes {
+    type Output = Self;
+
+    #[inline(always)]
+    fn neg(self) -> Self {
+        self.map(|a| -a)
+    }
+}
