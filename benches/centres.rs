@@ -208,6 +208,31 @@ impl Row {
     }
 }
 
+/// Errors without noise.
+#[derive(Clone, Copy, Default)]
+struct Quiet {
+    /// The largest mean error of a case, over its dots' places in the grid of pixels, px.
+    bias: f64,
+    /// The largest error of a dot, px.
+    largest: f64,
+    shown: usize,
+    found: usize,
+}
+
+impl Quiet {
+    fn add(&mut self, errors: &Errors) {
+        let lengths = errors.found.iter().map(|[x, y]| x.hypot(*y));
+        self.largest = lengths.fold(self.largest, f64::max);
+        let mean = |axis: usize| {
+            let sum: f64 = errors.found.iter().map(|error| error[axis]).sum();
+            sum / errors.found.len().max(1) as f64
+        };
+        self.bias = self.bias.max(mean(0).hypot(mean(1)));
+        self.shown += errors.shown;
+        self.found += errors.found.len();
+    }
+}
+
 fn print_table(title: &str, rows: &BTreeMap<u64, Row>) {
     println!("\n{title:>24}  shown  found  rms/bound  rms/sigma");
     for (key, row) in rows {
@@ -335,27 +360,21 @@ fn main() {
         println!("{diameter:>8}{}", row.concat());
     }
 
+    println!("\nnoise-free, 16 bit, px, by diameter and blur (0.1 px), all incidences:");
     println!(
-        "\nnoise-free, 16 bit: largest error of a centre, px, by diameter and blur (0.1 px), all incidences"
+        "{:>8} {:>4} {:>10} {:>14}",
+        "diameter", "blur", "bias", "largest error"
     );
-    let mut quiet: BTreeMap<(u64, u64), (f64, usize, usize)> = BTreeMap::new();
+    let mut quiet: BTreeMap<(u64, u64), Quiet> = BTreeMap::new();
     for (shape, _, _, _, errors) in &cases {
-        let entry = quiet
-            .entry((shape.diameter as u64, (10.0 * shape.blur) as u64))
-            .or_default();
-        let largest = errors
-            .found
-            .iter()
-            .map(|e| e[0].hypot(e[1]))
-            .fold(0.0, f64::max);
-        *entry = (
-            entry.0.max(largest),
-            entry.1 + errors.shown,
-            entry.2 + errors.found.len(),
-        );
+        let key = (shape.diameter as u64, (10.0 * shape.blur) as u64);
+        quiet.entry(key).or_default().add(errors);
     }
-    for ((diameter, blur), (largest, shown, found)) in &quiet {
-        println!("{diameter:>8} {blur:>4} {largest:>10.5} ({found} of {shown})");
+    for ((diameter, blur), quiet) in &quiet {
+        println!(
+            "{diameter:>8} {blur:>4} {:>10.5} {:>14.5} ({} of {})",
+            quiet.bias, quiet.largest, quiet.found, quiet.shown
+        );
     }
     if let Some(file) = arguments.get(1) {
         let points: Vec<plot::Point> = cases

@@ -105,6 +105,7 @@ pub(super) fn take_pixels<'a>(
             .collect()
     };
     flood_dot(&mut owners, width, &within(INNER), &within(OUTER));
+    drop_lone(&mut owners, width);
     let company = guard_neighbours(&mut owners, width, settings.guard);
     let Some(axes) = ellipse.axes() else {
         return company;
@@ -196,6 +197,29 @@ fn flood_dot(owners: &mut [Owner], width: usize, inner: &[Range<usize>], outer: 
     }
 }
 
+/// Gives bright pixels that stand alone back to the background: noise beside a faint dot, or a hot pixel.
+fn drop_lone(owners: &mut [Owner], width: usize) {
+    let is_lone = |slot: usize| {
+        let column = slot % width;
+        let beside = [
+            slot.checked_sub(1).filter(|_| column > 0),
+            Some(slot + 1).filter(|_| column + 1 < width),
+            slot.checked_sub(width),
+            Some(slot + width),
+        ];
+        let mut bright = beside
+            .into_iter()
+            .flatten()
+            .filter_map(|slot| owners.get(slot));
+        bright.all(|&owner| owner == Owner::Background)
+    };
+    let bright = (0..owners.len()).filter(|&slot| owners[slot] == Owner::Neighbour);
+    let lone: Vec<usize> = bright.filter(|&slot| is_lone(slot)).collect();
+    for slot in lone {
+        owners[slot] = Owner::Background;
+    }
+}
+
 /// Gives the neighbours the background within the guard distance, because their blurred edges reach there.
 fn guard_neighbours(owners: &mut [Owner], width: usize, guard: f64) -> Company {
     let bright: Vec<usize> = (0..owners.len())
@@ -224,4 +248,45 @@ fn guard_neighbours(owners: &mut [Owner], width: usize, guard: f64) -> Company {
         }
     }
     Company::Neighbours
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::ellipse::{Axes, Ellipse};
+    use super::*;
+    use crate::imaging::BitDepth;
+
+    /// A dot of 6 px in the middle of 40 x 40 px, and these pixels as bright as it.
+    fn company(bright: &[[usize; 2]]) -> Company {
+        let middle = Vector2::new(20.0, 20.0);
+        let mut samples = vec![10_u16; 40 * 40];
+        for (slot, sample) in samples.iter_mut().enumerate() {
+            let place = Vector2::new((slot % 40) as f64 + 0.5, (slot / 40) as f64 + 0.5);
+            if (place - middle).norm() < 3.0 || bright.contains(&[slot % 40, slot / 40]) {
+                *sample = 100;
+            }
+        }
+        let image = GreyImage::new(40, 40, BitDepth::Eight, samples).expect("a full picture");
+        let axes = Axes {
+            major: 3.0,
+            minor: 3.0,
+            angle: 0.0,
+        };
+        let ellipse = Ellipse::from_axes(Vector2::zeros(), axes);
+        let settings = WindowSettings {
+            origin: middle,
+            level: 50.0,
+            margin: 5.0,
+            guard: 2.5,
+        };
+        let profile = Profile::new(&ellipse, 0.8, 0.0, 1.0);
+        take_pixels(&image, &profile, &settings, &mut Columns::default())
+    }
+
+    #[test]
+    fn a_bright_pixel_that_stands_alone_is_noise_and_two_are_a_neighbour() {
+        assert_eq!(company(&[]), Company::Alone);
+        assert_eq!(company(&[[27, 20], [12, 14]]), Company::Alone);
+        assert_eq!(company(&[[27, 20], [27, 21]]), Company::Neighbours);
+    }
 }
