@@ -6,7 +6,8 @@ use rand_chacha::ChaCha8Rng;
 use tiepoint::camera::{Camera, InteriorOrientation};
 use tiepoint::geometry::Pose;
 use tiepoint::targets::{
-    CodeReading, DOT420_AXES, Dot, Dot420Settings, DotIndex, Family, dot420_table, read_dot420,
+    CodeReading, DOT420_AXES, Dot, Dot420Settings, DotIndex, Family, NominalCamera, dot420_table,
+    read_dot420,
 };
 
 use super::{Kind, Tally, normal};
@@ -66,6 +67,18 @@ pub(crate) fn camera(lens: f64) -> Camera {
             tangential: [1e-5, -2e-5],
             affinity: [1e-4, -5e-5],
         },
+    }
+}
+
+/// What a user knows of that camera: a principal distance that is 8 % off, and the size of the picture.
+fn settings() -> Dot420Settings {
+    Dot420Settings {
+        camera: Some(NominalCamera {
+            principal_distance_px: 2400.0,
+            principal_point_px: [1536.0, 1024.0],
+            principal_distance_share: 0.1,
+        }),
+        ..Dot420Settings::default()
     }
 }
 
@@ -229,10 +242,7 @@ impl Scene {
     /// Photographs the scene so that `middle` is seen in its place, reads it and compares with truth.
     fn trial(&self, middle: Vector2<f64>, view: &View, random: &mut ChaCha8Rng) -> Tally {
         let (dots, truth) = self.photographed(middle, view, random);
-        judge(
-            &read_dot420(&dots, &Dot420Settings::default()).codes,
-            &truth,
-        )
+        judge(&read_dot420(&dots, &settings()).codes, &truth)
     }
 
     /// The dots in the picture by rows, as detection gives them, and the codes that are whole.

@@ -24,6 +24,9 @@ const AREA_RATIO: f64 = 3.0;
 /// A dot's own sigma counts up to this many pitches: a poorer centre must not make room for a foreign dot.
 const LARGEST_SIGMA_PITCHES: f64 = 0.02;
 
+/// Planes that miss the grid by more than this multiple of the largest misfit allowed are not fitted again by the camera.
+const WORTH_A_CAMERA: f64 = 1.5;
+
 /// Six dots as a code, with the plane that fits them.
 #[derive(Clone, Debug)]
 pub(super) struct Hypothesis {
@@ -162,7 +165,7 @@ impl<'a> Field<'a> {
                     let [o, a, b] = DOT420_AXES;
                     let grid = [o, a, b, p, q, r];
                     let slots = [origin, ends[0], ends[1], three[0].1, three[1].1, three[2].1];
-                    let plane = Plane::fit(&self.grid_dots(slots, grid, scale));
+                    let plane = self.plane(&self.grid_dots(slots, grid, scale));
                     found.extend(plane.map(|plane| Hypothesis {
                         slots,
                         grid,
@@ -172,6 +175,22 @@ impl<'a> Field<'a> {
                 }
             }
         }
+    }
+
+    /// The plane of six dots, by the camera where one is given and they are near enough to a code.
+    fn plane(&self, dots: &[GridDot; 6]) -> Option<Plane> {
+        let plane = Plane::fit(dots)?;
+        let near = plane.standardised < WORTH_A_CAMERA * self.settings.refused_misfit;
+        let camera = self.settings.camera.as_ref().filter(|_| near);
+        let by_camera = camera.and_then(|camera| plane.with_camera(dots, camera));
+        Some(by_camera.unwrap_or(plane))
+    }
+
+    /// The six dots at their places, as the fit sees them.
+    pub(super) fn grid_dots_of(&self, reading: &Hypothesis) -> [GridDot; 6] {
+        let [o, a, b, ..] = reading.slots.map(|slot| self.dots[slot].centre_px);
+        let axes = Matrix2::from_columns(&[a - o, b - o]) / AXIS_PITCHES;
+        self.grid_dots(reading.slots, reading.grid, axes.determinant().abs().sqrt())
     }
 
     fn grid_dots(&self, slots: [usize; 6], grid: [[i32; 2]; 6], px_per_pitch: f64) -> [GridDot; 6] {

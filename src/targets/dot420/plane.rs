@@ -6,18 +6,12 @@
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
+use super::perspective::{NominalCamera, Perspective};
+
 /// Middle of the code, pitches.
 const MIDDLE: f64 = 3.0;
 /// Gauss-Newton steps; from the affine start three reach 1e-9 px, as the perspective inside a code is slight.
 const STEPS: usize = 5;
-/// Perspective expected without looking at the areas: standard deviation of the change of depth across six pitches, for dots
-/// seen round (a plane parallel to the picture has none) and what obliquity adds.
-const PERSPECTIVE_ROUND: f64 = 0.01;
-const PERSPECTIVE_OBLIQUE: f64 = 0.04;
-/// Standard deviation of the logarithm of an outline's area: this much, and this many pixels over its smaller diameter.
-const LOG_AREA_SIGMA: f64 = 0.04;
-const LOG_AREA_PX: f64 = 0.3;
-
 /// A dot at its place in the code.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct GridDot {
@@ -39,6 +33,8 @@ pub(super) struct Plane {
     /// a, b, c, d, e, f, g, h; c and f relative to `base_px`.
     unknowns: SVector<f64, 8>,
     base_px: Vector2<f64>,
+    /// What was known of g and h.
+    perspective: Perspective,
     /// Root mean square of the residuals' coordinates, px.
     pub(super) rms_px: f64,
     /// Square root of the weighted sum of squares over its redundancy (6: twelve coordinates, two perspective terms
@@ -46,43 +42,109 @@ pub(super) struct Plane {
     pub(super) standardised: f64,
 }
 
+/// How far a dot may stand from where the other five say, and how far it does.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Departure {
+    /// Root of the determinant of the covariance of the dot's place against the other five, pitches squared.
+    pub(super) area_pitches2: f64,
+    /// Squared distance of the dot in that covariance (chi-square with two degrees of freedom for a true dot).
+    pub(super) squared: f64,
+}
+
 impl Plane {
     /// Fits the plane to the six dots; `None` where they do not determine it.
     pub(super) fn fit(dots: &[GridDot; 6]) -> Option<Self> {
-        let (expected, weight) = perspective_from_areas(dots);
-        let mut plane = Self {
+        Self {
             unknowns: SVector::zeros(),
             base_px: dots[0].centre_px,
+            perspective: Perspective::without_camera(dots),
             rms_px: 0.0,
             standardised: 0.0,
-        };
-        for _ in 0..STEPS {
-            let mut normal = SMatrix::<f64, 8, 8>::zeros();
-            let mut right = SVector::<f64, 8>::zeros();
-            for dot in dots {
-                let (residual, jacobian) = plane.residual(dot);
-                let w = 1.0 / (dot.sigma_px * dot.sigma_px);
-                normal += jacobian.transpose() * jacobian * w;
-                right -= jacobian.transpose() * residual * w;
-            }
-            let to_expected = expected - plane.unknowns.fixed_rows::<2>(6);
-            let mut corner = normal.fixed_view_mut::<2, 2>(6, 6);
-            corner += weight;
-            let mut tail = right.fixed_rows_mut::<2>(6);
-            tail += weight * to_expected;
-            plane.unknowns += normal.cholesky()?.solve(&right);
         }
-        let off = plane.unknowns.fixed_rows::<2>(6) - expected;
-        let mut cost = off.dot(&(weight * off));
+        .fitted(dots)
+    }
+
+    /// Fits the plane again with the perspective that the camera expects of this one: of the two turns that its map leaves
+    /// open the one that fits better.
+    pub(super) fn with_camera(&self, dots: &[GridDot; 6], camera: &NominalCamera) -> Option<Self> {
+        let middle_px = self.base_px + Vector2::new(self.unknowns[2], self.unknowns[5]);
+        let map = self.px_from_pitches(Vector2::repeat(MIDDLE));
+        let turns = Perspective::with_camera(dots, map, middle_px, camera)?;
+        let [one, other] = turns.map(|perspective| {
+            Self {
+                perspective,
+                ..*self
+            }
+            .fitted(dots)
+        });
+        let (one, other) = (one?, other?);
+        Some(if one.standardised <= other.standardised {
+            one
+        } else {
+            other
+        })
+    }
+
+    fn fitted(mut self, dots: &[GridDot; 6]) -> Option<Self> {
+        self.solve(dots)?;
+        let mut cost = self.perspective.cost(self.terms());
         let mut squares = 0.0;
         for dot in dots {
-            let square = plane.residual(dot).0.norm_squared();
+            let square = self.residual(dot).0.norm_squared();
             squares += square;
             cost += square / (dot.sigma_px * dot.sigma_px);
         }
-        plane.rms_px = (squares / 12.0).sqrt();
-        plane.standardised = (cost / 6.0).sqrt();
-        plane.standardised.is_finite().then_some(plane)
+        self.rms_px = (squares / 12.0).sqrt();
+        self.standardised = (cost / 6.0).sqrt();
+        self.standardised.is_finite().then_some(self)
+    }
+
+    /// The perspective terms g and h.
+    fn terms(&self) -> Vector2<f64> {
+        Vector2::new(self.unknowns[6], self.unknowns[7])
+    }
+
+    /// Gauss-Newton steps from the present unknowns.
+    fn solve(&mut self, dots: &[GridDot]) -> Option<()> {
+        for _ in 0..STEPS {
+            let (normal, right) = self.normal_equations(dots);
+            self.unknowns += normal.cholesky()?.solve(&right);
+        }
+        Some(())
+    }
+
+    fn normal_equations(&self, dots: &[GridDot]) -> (SMatrix<f64, 8, 8>, SVector<f64, 8>) {
+        let mut normal = SMatrix::<f64, 8, 8>::zeros();
+        let mut right = SVector::<f64, 8>::zeros();
+        for dot in dots {
+            let (residual, jacobian) = self.residual(dot);
+            let w = 1.0 / (dot.sigma_px * dot.sigma_px);
+            normal += jacobian.transpose() * jacobian * w;
+            right -= jacobian.transpose() * residual * w;
+        }
+        let to_expected = self.perspective.expected - self.terms();
+        let mut corner = normal.fixed_view_mut::<2, 2>(6, 6);
+        corner += self.perspective.weight;
+        let mut tail = right.fixed_rows_mut::<2>(6);
+        tail += self.perspective.weight * to_expected;
+        (normal, right)
+    }
+
+    /// The dot at this place of the six against the plane of the other five; `None` where they determine none.
+    pub(super) fn departure(&self, dots: &[GridDot; 6], place: usize) -> Option<Departure> {
+        let dot = dots[place];
+        let others: Vec<GridDot> = (0..6).filter(|k| *k != place).map(|k| dots[k]).collect();
+        let mut plane = *self;
+        plane.solve(&others)?;
+        let (normal, _) = plane.normal_equations(&others);
+        let (off, jacobian) = plane.residual(&dot);
+        let predicted = jacobian * normal.cholesky()?.inverse() * jacobian.transpose();
+        let covariance = predicted + Matrix2::identity() * dot.sigma_px * dot.sigma_px;
+        let map = self.px_from_pitches(dot.grid.map(f64::from).into());
+        Some(Departure {
+            area_pitches2: covariance.determinant().sqrt() / map.determinant().abs(),
+            squared: off.dot(&(covariance.try_inverse()? * off)),
+        })
     }
 
     /// Computed minus measured, px, and its derivative by the unknowns.
@@ -131,33 +193,6 @@ impl Plane {
         let high = depths.into_iter().fold(f64::NEG_INFINITY, f64::max);
         if low > 0.0 { high / low } else { f64::INFINITY }
     }
-}
-
-/// The perspective terms (g, h) that the areas of the outlines show, with their weight matrix: `log area = const - 3 log w`
-/// and `log w = g X + h Y` to first order, joined with the expectation of a slight perspective.
-fn perspective_from_areas(dots: &[GridDot; 6]) -> (Vector2<f64>, Matrix2<f64>) {
-    let place = |dot: &GridDot| Vector2::new(f64::from(dot.grid[0]), f64::from(dot.grid[1]));
-    let weight = |dot: &GridDot| (LOG_AREA_SIGMA + LOG_AREA_PX / dot.minor_px).powi(-2);
-    let total: f64 = dots.iter().map(weight).sum();
-    let middle = dots
-        .iter()
-        .map(|d| place(d) * weight(d))
-        .sum::<Vector2<f64>>()
-        / total;
-    let level = dots.iter().map(|d| d.log_area * weight(d)).sum::<f64>() / total;
-    let aspect = |dot: &GridDot| (dot.minor_px * dot.minor_px / dot.log_area.exp()).min(1.0);
-    let aspect = dots.iter().map(aspect).sum::<f64>() / 6.0;
-    let obliquity = (1.0 - aspect * aspect).sqrt();
-    let sigma = (PERSPECTIVE_ROUND + PERSPECTIVE_OBLIQUE * obliquity) / 6.0;
-    let mut normal = Matrix2::identity() / (sigma * sigma);
-    let mut right = Vector2::zeros();
-    for dot in dots {
-        let by_terms = (place(dot) - middle) * -3.0;
-        normal += by_terms * by_terms.transpose() * weight(dot);
-        right += by_terms * ((dot.log_area - level) * weight(dot));
-    }
-    let expected = normal.try_inverse().map_or(Vector2::zeros(), |q| q * right);
-    (expected, normal)
 }
 
 #[cfg(test)]
@@ -215,5 +250,17 @@ mod tests {
             dots[moved].centre_px += Vector2::new(step, step);
             assert!(Plane::fit(&dots).unwrap().standardised > 2.5, "dot {moved}");
         }
+    }
+
+    #[test]
+    fn a_displaced_dot_departs_from_the_other_five() {
+        let mut dots = seen(PLACES, [0.0, 0.0]);
+        let still = Plane::fit(&dots).unwrap().departure(&dots, 4).unwrap();
+        assert!(still.squared < 0.1, "{still:?}");
+        // At least the dot's own sigma in x and y: 0.05 px where a pitch has 9 by 7.
+        assert!(still.area_pitches2 > 0.05 * 0.05 / 63.0, "{still:?}");
+        dots[4].centre_px += Vector2::new(0.9, 0.9);
+        let moved = Plane::fit(&dots).unwrap().departure(&dots, 4).unwrap();
+        assert!(moved.squared > 40.0, "{moved:?}");
     }
 }

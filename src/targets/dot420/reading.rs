@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::Dot420Settings;
 use super::hypothesis::{Field, Hypothesis};
 use super::outline::{Agreement, Outline, agreement, ovalness};
-use super::rivals::Surroundings;
+use super::surroundings::Surroundings;
 use crate::targets::{CodeEvidence, CodeReading, Dot, DotIndex, Family, Rejected};
 
 /// Refused readings are reported up to this multiple of the largest misfit allowed; beyond it they are mere chance.
@@ -272,8 +272,7 @@ fn look_round(field: &Field<'_>, kept: &mut [Judged]) {
     }
     for judged in kept {
         judged.surroundings = field.surroundings(&judged.hypothesis, &taken);
-        let fit = judged.hypothesis.plane.standardised;
-        let doubt = judged.surroundings.doubt(fit, field.settings.rival_chance);
+        let doubt = judged.surroundings.doubt(field.settings.rival_chance);
         judged.doubts.extend(doubt);
     }
 }

@@ -8,143 +8,77 @@
 //! [`GUARD_PITCHES`] from a code's dots: where the dot in question stands nearer to one of the other five, or a target
 //! stands nearer to the place of the hidden dot, the exchange is ruled out.
 //!
-//! What remains is a matter of how many plain targets there are: `rivals times density times area`.
+//! What remains is a matter of how many plain targets there are and how well the dot fits (see [`super::surroundings`]).
+//! Where dots of any size stand nearer to a code than that, the distance is no argument, and all exchanges count.
 
 use std::sync::OnceLock;
 
-use nalgebra::Vector2;
-
-use super::hypothesis::{Field, Hypothesis, number_at};
-use super::outline::{Agreement, agreement};
+use super::hypothesis::number_at;
 use crate::targets::{DOT420_AXES, dot420_positions, dot420_table};
 
 /// Foreign dots keep this distance from the dots of a code (and a little more than this never counts against one).
-const GUARD_PITCHES: f64 = 2.9;
-/// Foreign dots are counted up to this distance from the middle of the code, pitches: some ten of them stand there in a
-/// dense field.
-const NEIGHBOURHOOD_PITCHES: f64 = 9.0;
-/// A foreign dot this near to whole pitches (in x and in y) counts as standing on the code's own grid, pitches: one of
-/// seventeen does by chance.
-const ON_GRID_PITCHES: f64 = 0.12;
-/// Middle of the square, pitches.
-const MIDDLE: f64 = 3.0;
+pub(super) const GUARD_PITCHES: f64 = 2.9;
 const SIDE: i32 = 6;
 
 /// A place of a code's square.
-type Place = [i32; 2];
+pub(super) type Place = [i32; 2];
 
-/// What stands round a reading and speaks for other numbers.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Surroundings {
-    /// Exchanges that nothing in the picture rules out.
-    pub(super) rivals: u32,
-    /// Dots of no code that may lie in the code's plane, within [`NEIGHBOURHOOD_PITCHES`] of its middle.
-    pub(super) foreign: u32,
-    /// Of those: on the code's own grid, as targets in rows would be.
-    pub(super) on_grid: u32,
+/// One dot of a code taken for a plain target, and where the hidden dot of the other code is then.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Exchange {
+    /// Which of O, A, B, 1, 2, 3 would be the plain target.
+    pub(super) plain: usize,
+    /// Where the dot would stand that is not seen.
+    pub(super) hidden: Place,
 }
 
-impl Field<'_> {
-    /// Looks round a reading; `taken` tells which dots belong to codes that were read.
-    pub(super) fn surroundings(&self, reading: &Hypothesis, taken: &[bool]) -> Surroundings {
-        let plane = &reading.plane;
-        let middle = Vector2::repeat(MIDDLE);
-        let map = plane.px_from_pitches(middle);
-        let centre_px = self.dots[reading.slots[0]].centre_px + map * middle;
-        let near = self.index.within(
-            self.dots,
-            centre_px,
-            1.2 * NEIGHBOURHOOD_PITCHES * map.norm(),
-        );
-        let mut foreign = Vec::new();
-        for slot in near {
-            let Some(outline) = self.outlines[slot].filter(|_| !taken[slot]) else {
-                continue;
-            };
-            let Some(place) = plane.grid_from_px(self.dots[slot].centre_px) else {
-                continue;
-            };
-            let alike = || {
-                let maps = [plane.px_from_pitches(place)];
-                agreement(&[outline], &maps, 0.0, self.settings) == Agreement::Agree
-            };
-            if (place - middle).norm() < NEIGHBOURHOOD_PITCHES && alike() {
-                foreign.push(place);
-            }
-        }
-        let seen = |hidden: &Place| {
-            let hidden = Vector2::new(f64::from(hidden[0]), f64::from(hidden[1]));
-            foreign.iter().any(|f| (f - hidden).norm() < GUARD_PITCHES)
-        };
-        let hidden_places = &exchanges()[reading.id as usize - 1];
-        Surroundings {
-            rivals: hidden_places.iter().filter(|place| !seen(place)).count() as u32,
-            foreign: foreign.len() as u32,
-            on_grid: foreign.iter().filter(|f| is_on_grid(f)).count() as u32,
-        }
-    }
+/// Whether foreign dots keep off a code's dots.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum ClearZone {
+    /// Nothing stands nearer than [`GUARD_PITCHES`].
+    Kept,
+    /// Something does, so that a plain target might as well.
+    Broken,
 }
 
-impl Surroundings {
-    /// What they say against a reading that misses the grid by `fit` (standardised), in the operator's words.
-    pub(super) fn doubt(&self, fit: f64, rival_chance: f64) -> Option<String> {
-        /// So many foreign dots on the code's grid, and a share of all, are more than chance: it may be one of rows.
-        const ROWS: u32 = 3;
-        const ROWS_SHARE: u32 = 8;
-        let Self {
-            rivals,
-            foreign,
-            on_grid,
-        } = *self;
-        if on_grid >= ROWS + foreign / ROWS_SHARE {
-            return Some(format!(
-                "{on_grid} of the {foreign} foreign dots round it continue its grid: plain targets in rows?"
-            ));
-        }
-        // A dot passes by chance in proportion to the area in which it passes, the square of the misfit.
-        let chance = f64::from(rivals) * f64::from(foreign) * fit * fit;
-        (chance > rival_chance).then(|| {
-            format!(
-                "{rivals} other code(s) with a hidden dot would look the same if one of its dots was a plain target, \
-                 and {foreign} stand round it"
-            )
-        })
-    }
+/// The exchanges of a code (number from 1).
+pub(super) fn exchanges(id: u32, zone: ClearZone) -> &'static [Exchange] {
+    static KEPT: OnceLock<Vec<Vec<Exchange>>> = OnceLock::new();
+    static BROKEN: OnceLock<Vec<Vec<Exchange>>> = OnceLock::new();
+    let (table, guard) = match zone {
+        ClearZone::Kept => (&KEPT, GUARD_PITCHES),
+        ClearZone::Broken => (&BROKEN, 0.0),
+    };
+    let all = || {
+        let codes = dot420_table().iter();
+        codes.map(|code| exchanges_of(*code, guard)).collect()
+    };
+    &table.get_or_init(all)[id as usize - 1]
 }
 
-fn is_on_grid(place: &Vector2<f64>) -> bool {
-    (place - place.map(f64::round)).amax() < ON_GRID_PITCHES
-}
-
-/// The exchanges of every code, each by the place of the hidden dot; code number = index + 1.
-fn exchanges() -> &'static [Vec<Place>] {
-    static EXCHANGES: OnceLock<Vec<Vec<Place>>> = OnceLock::new();
-    EXCHANGES.get_or_init(|| {
-        dot420_table()
-            .iter()
-            .map(|code| exchanges_of(*code))
-            .collect()
-    })
-}
-
-fn exchanges_of(code: [Place; 3]) -> Vec<Place> {
+fn exchanges_of(code: [Place; 3], guard_pitches: f64) -> Vec<Exchange> {
     let six: Vec<Place> = DOT420_AXES.iter().chain(&code).copied().collect();
     let fourth = [SIDE, SIDE];
     let mut found = Vec::new();
-    for plain in &six {
-        let five: Vec<Place> = six.iter().copied().filter(|place| place != plain).collect();
+    for (plain, place) in six.iter().enumerate() {
+        let five: Vec<Place> = six.iter().copied().filter(|other| other != place).collect();
         if five
             .iter()
-            .any(|place| distance(*place, *plain) < GUARD_PITCHES)
+            .any(|other| distance(*other, *place) < guard_pitches)
         {
             continue;
         }
         let hidden = dot420_positions().into_iter().chain([fourth]);
-        found.extend(hidden.filter(|hidden| {
+        let makes_code = |hidden: &Place| {
             !six.contains(hidden)
-                && distance(*hidden, *plain) >= GUARD_PITCHES
+                && distance(*hidden, *place) >= guard_pitches
                 && is_code(five.iter().copied().chain([*hidden]).collect())
-        }));
+        };
+        found.extend(
+            hidden
+                .filter(makes_code)
+                .map(|hidden| Exchange { plain, hidden }),
+        );
     }
     found
 }
@@ -181,8 +115,8 @@ mod tests {
     #[test]
     fn a_code_has_few_rivals_and_a_seventh_has_none() {
         let mut counts = [0; 7];
-        for exchanges in exchanges() {
-            counts[exchanges.len()] += 1;
+        for id in 1..=420 {
+            counts[exchanges(id, ClearZone::Kept).len()] += 1;
         }
         assert_eq!(counts, [60, 143, 132, 65, 12, 6, 2]);
     }

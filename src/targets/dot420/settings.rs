@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::NominalCamera;
+
 /// Settings of [`super::read_dot420`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
@@ -39,9 +41,11 @@ pub struct Dot420Settings {
     /// Distance, pitches, within which no foreign dot of the same plane can stand from a code's dot: the design keeps 3;
     /// default 2.6. One or two such dots are a doubt, more mean a field of plain targets.
     pub clear_pitches: f64,
-    /// Largest product of rivals (codes that would look the same if one of their dots were hidden and one of these six
-    /// were a plain target), foreign dots round the code and squared misfit of a certain reading; default 2. It leaves
-    /// some two in a hundred thousand codes with a hidden dot; a smaller one doubts more true codes.
+    /// The camera, where it is known if only roughly; default none. It binds the perspective of a code's plane, and so leaves
+    /// a plain target less room to pass for a code's dot: fewer wrong numbers and fewer doubts.
+    pub camera: Option<NominalCamera>,
+    /// Largest likelihood, as a multiple of the reading's, of all codes that would look the same if one of their dots were hidden
+    /// and one of these six were a plain target; default 5e-5. A smaller one doubts more true codes among plain targets.
     pub rival_chance: f64,
 }
 
@@ -61,7 +65,8 @@ impl Default for Dot420Settings {
             depth_ratio: 1.3,
             contrast_ratio: 4.0,
             clear_pitches: 2.6,
-            rival_chance: 2.0,
+            camera: None,
+            rival_chance: 5e-5,
         }
     }
 }

@@ -5,7 +5,7 @@ use rand::RngExt as _;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
-use super::{Dot420Settings, read_dot420};
+use super::{Dot420Settings, NominalCamera, read_dot420};
 use crate::camera::Camera;
 use crate::camera::fixture::wide_angle_camera;
 use crate::geometry::Pose;
@@ -218,6 +218,16 @@ fn gcd(a: usize, b: usize) -> usize {
 
 /// One scene: a code, `tries` plain targets thrown round it, the code's dot `missing` hidden.
 fn code_scene(tally: &mut Tally, seed: u64, tries: usize, missing: Option<usize>) {
+    code_scene_by(&Dot420Settings::default(), tally, seed, tries, missing);
+}
+
+fn code_scene_by(
+    settings: &Dot420Settings,
+    tally: &mut Tally,
+    seed: u64,
+    tries: usize,
+    missing: Option<usize>,
+) {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let id = seed as u32 % 420 + 1;
     let tilt = random.random_range(0.0..70_f64.to_radians());
@@ -240,7 +250,7 @@ fn code_scene(tally: &mut Tally, seed: u64, tries: usize, missing: Option<usize>
         seen[missing] = None;
         let (dots, _) = shuffled(seen, 0).unwrap();
         tally.plain_dots += dots.len() - 5;
-        let reading = read_dot420(&dots, &Dot420Settings::default());
+        let reading = read_dot420(&dots, settings);
         tally.count(&reading.codes, 0, &[]);
         return;
     }
@@ -248,7 +258,7 @@ fn code_scene(tally: &mut Tally, seed: u64, tries: usize, missing: Option<usize>
         return;
     };
     tally.plain_dots += dots.len() - 6;
-    let reading = read_dot420(&dots, &Dot420Settings::default());
+    let reading = read_dot420(&dots, settings);
     tally.count(&reading.codes, id, &truth);
 }
 
@@ -317,6 +327,35 @@ fn a_code_with_a_hidden_dot_gets_no_other_number_without_a_doubt() {
         code_scene(&mut tally, 5000 + seed, 60, Some(seed as usize % 6));
     }
     assert_eq!(tally.false_certain, 0, "{tally:?}");
+}
+
+/// A principal distance known to a tenth binds the perspective, and so leaves a plain target less room to pass for a dot.
+#[test]
+fn a_known_camera_takes_doubts_away() {
+    let camera = wide_angle_camera();
+    let known = Dot420Settings {
+        camera: Some(NominalCamera {
+            principal_distance_px: 0.93 * camera.interior.principal_distance
+                / camera.pixel_pitch_mm,
+            principal_point_px: [camera.width_px, camera.height_px].map(|n| 0.5 * f64::from(n)),
+            principal_distance_share: 0.1,
+        }),
+        ..Dot420Settings::default()
+    };
+    let run = |settings: &Dot420Settings| {
+        let mut tally = Tally::default();
+        for seed in 0..200 {
+            code_scene_by(settings, &mut tally, 9000 + seed, 15, None);
+        }
+        tally
+    };
+    let (without, with) = (run(&Dot420Settings::default()), run(&known));
+    assert_eq!(with.read, with.scenes, "{with:?}");
+    assert!(
+        4 * with.read_with_doubt < 3 * without.read_with_doubt,
+        "{without:?} {with:?}"
+    );
+    assert_eq!(with.false_certain, 0, "{with:?}");
 }
 
 #[test]
