@@ -79,6 +79,17 @@ impl GreyImage {
         })
     }
 
+    /// A picture from as many samples as it has pixels.
+    pub(super) fn of_size([width, height]: [usize; 2], depth: BitDepth, samples: Vec<u16>) -> Self {
+        debug_assert_eq!(samples.len(), width * height, "a full picture");
+        Self {
+            width,
+            height,
+            depth,
+            samples,
+        }
+    }
+
     /// Columns.
     #[must_use]
     pub fn width(&self) -> usize {

@@ -1,5 +1,9 @@
 //! Connected components of a picture at rising grey levels.
 
+use std::ops::RangeInclusive;
+
+use wide::u16x8;
+
 use super::{GreyImage, Region};
 use crate::monitor::{Interrupted, Monitor};
 
@@ -12,6 +16,8 @@ pub struct LevelSettings {
     pub ratio: f64,
     /// Components with fewer pixels are dropped, with all that is above them.
     pub least_area: u32,
+    /// Components with more pixels are dropped too, with all that is above them.
+    pub largest_area: u32,
 }
 
 /// A connected component of the pixels brighter than a level.
@@ -71,51 +77,75 @@ impl LevelTree {
     ) -> Result<Self, Interrupted> {
         let mut tree = Self::default();
         let brightest = f64::from(region.brightest);
+        let areas = settings.least_area..=settings.largest_area;
         let mut height = settings.first.max(1.0);
-        let mut runs = runs_of_region(image, region, region.ground + height);
+        let (mut runs, mut above) = (Vec::new(), Vec::new());
+        let mut components = Components::default();
+        take_runs_of_region(image, region, region.ground + height, &mut runs);
         while !runs.is_empty() {
             let level = region.ground + height;
             join_rows(&mut runs);
-            tree.add_level(&mut runs, level, settings.least_area);
+            components.sum(&mut runs);
+            tree.add_level(&mut runs, level, &areas, &components);
             height *= settings.ratio.max(1.01);
             if region.ground + height >= brightest {
                 break;
             }
             monitor.check()?;
-            runs = runs_inside(image, &runs, region.ground + height);
+            take_runs_inside(image, &runs, region.ground + height, &mut above);
+            std::mem::swap(&mut runs, &mut above);
         }
         Ok(tree)
     }
 
-    /// Sums every component of the level and replaces the runs' links by their nodes.
-    fn add_level(&mut self, runs: &mut [Run], level: f64, least_area: u32) {
-        let mut sums: Vec<Sums> = Vec::new();
-        let mut sum_of_root = vec![DROPPED; runs.len()];
-        for slot in 0..runs.len() {
-            let root = root(runs, slot as u32);
-            let known = &mut sum_of_root[root as usize];
-            if *known == DROPPED {
-                *known = sums.len() as u32;
-                sums.push(Sums::new(&runs[slot]));
-            }
-            sums[*known as usize].add(&runs[slot]);
+    /// Makes the level's components nodes, and replaces the runs' links by them.
+    fn add_level(
+        &mut self,
+        runs: &mut [Run],
+        level: f64,
+        areas: &RangeInclusive<u32>,
+        components: &Components,
+    ) {
+        let first = self.nodes.len();
+        let kept = |sums: &&Sums| areas.contains(&sums.area);
+        let nodes = components.sums.iter().filter(kept);
+        self.nodes.extend(nodes.map(|sums| sums.node(level)));
+        let mut next = first as u32;
+        let mut node_of = Vec::with_capacity(components.sums.len());
+        for sums in &components.sums {
+            let is_kept = kept(&sums);
+            node_of.push(if is_kept { next } else { DROPPED });
+            next += u32::from(is_kept);
         }
-        let nodes: Vec<u32> = sums
-            .iter()
-            .map(|sum| {
-                if sum.area < least_area {
-                    return DROPPED;
-                }
-                self.nodes.push(sum.node(level));
-                self.nodes.len() as u32 - 1
-            })
-            .collect();
-        // Roots first keep their links: every run is asked for its root before any link is overwritten.
-        let owners: Vec<u32> = (0..runs.len())
-            .map(|slot| nodes[sum_of_root[root(runs, slot as u32) as usize] as usize])
-            .collect();
-        for (run, owner) in runs.iter_mut().zip(owners) {
-            run.link = owner;
+        for (run, &component) in runs.iter_mut().zip(&components.of_run) {
+            run.link = node_of[component as usize];
+        }
+    }
+}
+
+/// The components of a level, in the order of their first runs.
+#[derive(Default)]
+struct Components {
+    sums: Vec<Sums>,
+    of_run: Vec<u32>,
+}
+
+impl Components {
+    /// Sums the runs that are linked.
+    fn sum(&mut self, runs: &mut [Run]) {
+        self.sums.clear();
+        self.of_run.clear();
+        for slot in 0..runs.len() {
+            // The root is the component's first run.
+            let root = root(runs, slot as u32) as usize;
+            let component = if root == slot {
+                self.sums.push(Sums::new(&runs[slot]));
+                self.sums.len() - 1
+            } else {
+                self.of_run[root] as usize
+            };
+            self.of_run.push(component as u32);
+            self.sums[component].add(&runs[slot]);
         }
     }
 }
@@ -198,70 +228,90 @@ fn least_above(level: f64) -> Option<u16> {
     (least <= f64::from(u16::MAX)).then_some(least.max(0.0) as u16)
 }
 
-fn runs_of_region(image: &GreyImage, region: &Region, level: f64) -> Vec<Run> {
-    /// Pixels that are looked at together, so that dark stretches cost next to nothing.
-    const STRETCH: usize = 64;
-    let mut runs = Vec::new();
+fn take_runs_of_region(image: &GreyImage, region: &Region, level: f64, runs: &mut Vec<Run>) {
+    runs.clear();
     let Some(least) = least_above(level) else {
-        return runs;
+        return;
     };
+    // First all pixels, without a decision that would have to wait for them one by one: they come from far.
+    let mut bits = Vec::new();
     for [row, first, end] in region.pieces() {
-        let mut scan = Scan::new(row as u32, DROPPED, least);
-        let mut column = first;
-        for stretch in image.row(row)[first..end].chunks(STRETCH) {
-            let bright = stretch
-                .iter()
-                .fold(0_u16, |any, &grey| any | u16::from(grey >= least));
-            if bright != 0 || scan.open.is_some() {
-                scan.pixels(stretch, column as u32, &mut runs);
-            }
-            column += stretch.len();
-        }
-        scan.close(end as u32, &mut runs);
+        bits.extend(bright(&image.row(row)[first..end], least));
     }
-    runs
+    let mut rest = &bits[..];
+    for [row, first, end] in region.pieces() {
+        let (bits, further) = rest.split_at((end - first).div_ceil(EIGHT));
+        rest = further;
+        let mut scan = Scan::new(row as u32, DROPPED, first as u32);
+        for &bits in bits {
+            scan.pixels(bits, runs);
+        }
+        scan.close(end as u32, runs);
+    }
 }
 
-fn runs_inside(image: &GreyImage, below: &[Run], level: f64) -> Vec<Run> {
-    let mut runs = Vec::new();
+fn take_runs_inside(image: &GreyImage, below: &[Run], level: f64, runs: &mut Vec<Run>) {
+    runs.clear();
     let Some(least) = least_above(level) else {
-        return runs;
+        return;
     };
     for run in below.iter().filter(|run| run.link != DROPPED) {
         let samples = &image.row(run.row as usize)[run.start as usize..run.end as usize];
-        let mut scan = Scan::new(run.row, run.link, least);
-        scan.pixels(samples, run.start, &mut runs);
-        scan.close(run.end, &mut runs);
+        let mut scan = Scan::new(run.row, run.link, run.start);
+        for bits in bright(samples, least) {
+            scan.pixels(bits, runs);
+        }
+        scan.close(run.end, runs);
     }
-    runs
+}
+
+/// Pixels that go together through the scan.
+const EIGHT: usize = 8;
+
+/// Which of eight pixels each are at least this bright, the first in the lowest bit.
+fn bright(samples: &[u16], least: u16) -> impl Iterator<Item = u8> {
+    let (eights, rest) = samples.as_chunks::<EIGHT>();
+    let least = u16x8::splat(least);
+    let bits = move |eight: [u16; EIGHT]| u16x8::new(eight).simd_ge(least).to_bitmask() as u8;
+    let last = (!rest.is_empty()).then(|| {
+        let mut eight = [0; EIGHT];
+        eight[..rest.len()].copy_from_slice(rest);
+        bits(eight) & ((1 << rest.len()) - 1)
+    });
+    eights.iter().map(move |&eight| bits(eight)).chain(last)
 }
 
 /// Finds the runs along a row.
 struct Scan {
     row: u32,
     parent: u32,
-    least: u16,
+    column: u32,
     open: Option<u32>,
 }
 
 impl Scan {
-    fn new(row: u32, parent: u32, least: u16) -> Self {
+    fn new(row: u32, parent: u32, column: u32) -> Self {
         Self {
             row,
             parent,
-            least,
+            column,
             open: None,
         }
     }
 
-    fn pixels(&mut self, samples: &[u16], first_column: u32, runs: &mut Vec<Run>) {
-        for (column, &grey) in (first_column..).zip(samples) {
-            match (grey >= self.least, self.open) {
-                (true, None) => self.open = Some(column),
-                (false, Some(_)) => self.close(column, runs),
-                _ => {}
+    /// Goes on by eight pixels, of which these are bright.
+    fn pixels(&mut self, bright: u8, runs: &mut Vec<Run>) {
+        // A bit where a pixel differs from the one before.
+        let mut turns = bright ^ (bright << 1 | u8::from(self.open.is_some()));
+        while turns != 0 {
+            let column = self.column + turns.trailing_zeros();
+            match self.open {
+                None => self.open = Some(column),
+                Some(_) => self.close(column, runs),
             }
+            turns &= turns - 1;
         }
+        self.column += EIGHT as u32;
     }
 
     fn close(&mut self, end: u32, runs: &mut Vec<Run>) {
@@ -337,6 +387,7 @@ mod tests {
             first,
             ratio,
             least_area: 1,
+            largest_area: u32::MAX,
         };
         let whole = Region::whole(image, 0.0);
         let tree = LevelTree::new(image, &whole, &settings, &Monitor::new());

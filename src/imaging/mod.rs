@@ -18,6 +18,8 @@ mod levels;
 mod load;
 mod noise;
 mod regions;
+mod smoothed;
+mod tiles;
 
 pub use grey::{BitDepth, GreyImage, WrongSampleCount};
 pub use levels::{LevelNode, LevelSettings, LevelTree};
@@ -25,5 +27,7 @@ pub use load::{
     LoadError, LoadSettings, Picture, PictureMeta, load_picture, load_picture_until, read_meta,
     read_size,
 };
-pub use noise::noise_level;
-pub use regions::{Region, Tiles};
+pub use noise::{noise_level, noise_of_means};
+pub use regions::Region;
+pub use smoothed::Smoothed;
+pub use tiles::Tiles;

@@ -1,33 +1,15 @@
 //! The parts of a picture that rise above their surroundings: all that detection has to look at.
 //!
-//! The picture is read once, in tiles: the brightest grey value of each, and its mean. The ground of a tile is the least
-//! mean of the tiles round it, farther than the largest target reaches, so that a target never is its own ground. A
-//! tile whose brightest pixel does not rise above its ground holds nothing; in a dark picture those are nearly all.
-//! Tiles that do, and touch, are one [`Region`]. On a slope or a texture too much rises: that costs time, and hides
-//! nothing.
+//! The picture is read once, in [`Tiles`]. A tile that does not rise above its ground holds nothing; in a dark picture those
+//! are nearly all. Tiles that do, and touch, are one [`Region`]. On a slope or a texture too much rises: that costs
+//! time, and hides nothing.
 //!
 //! Cost: one reading of the pixels, and a running minimum over the tiles; independent of the number of targets.
 
 use std::ops::Range;
 
-use rayon::prelude::*;
-
 use super::GreyImage;
-
-/// Side of a tile, px.
-const TILE: usize = 16;
-/// Rows of a tile that make its mean: 64 pixels are enough to know it to an eighth of the noise.
-const MEAN_ROWS: usize = 4;
-
-/// Brightest grey values and means of a picture's tiles, row by row.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Tiles {
-    width: usize,
-    height: usize,
-    across: usize,
-    brightest: Vec<u16>,
-    mean: Vec<u16>,
-}
+use super::tiles::{TILE, Tile, Tiles};
 
 /// Tiles `first..end` of a row of tiles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,82 +32,99 @@ pub struct Region {
 }
 
 impl Tiles {
-    /// Reads the picture.
+    /// What rises by more than `rise` grey values above the darkest surroundings.
     #[must_use]
-    pub fn of(image: &GreyImage) -> Self {
-        let (width, height) = (image.width(), image.height());
-        let (across, down) = (width.div_ceil(TILE), height.div_ceil(TILE));
-        let rows: Vec<(Vec<u16>, Vec<u16>)> = (0..down)
-            .into_par_iter()
-            .map(|row| tile_row(image, row * TILE..((row + 1) * TILE).min(height)))
-            .collect();
-        let mut tiles = Self {
-            width,
-            height,
-            across,
-            brightest: Vec::with_capacity(across * down),
-            mean: Vec::with_capacity(across * down),
-        };
-        for (brightest, mean) in rows {
-            tiles.brightest.extend(brightest);
-            tiles.mean.extend(mean);
-        }
-        tiles
-    }
-
-    /// The brightest grey value of the picture; 0 for an empty one.
-    #[must_use]
-    pub fn brightest(&self) -> u16 {
-        self.brightest.iter().copied().max().unwrap_or(0)
-    }
-
-    /// The mean grey value that a twentieth of the tiles does not exceed; 0 for an empty picture.
-    #[must_use]
-    pub fn dark_level(&self) -> u16 {
-        let mut means = self.mean.clone();
-        let place = means.len() / 20;
-        match means.is_empty() {
-            true => 0,
-            false => *means.select_nth_unstable(place).1,
-        }
-    }
-
-    /// What rises by more than `rise` grey values above the darkest surroundings within `reach_px`.
-    #[must_use]
-    pub fn regions(&self, rise: f64, reach_px: f64) -> Vec<Region> {
-        let reach = (reach_px / TILE as f64).ceil() as usize + 1;
-        let ground = self.least_mean_within(reach);
-        let rises = |slot: usize| {
+    pub fn regions(&self, rise: f64) -> Vec<Region> {
+        let rises = |tile: &Tile, ground: u32| {
             let [brightest, mean, ground] =
-                [self.brightest[slot], self.mean[slot], ground[slot]].map(f64::from);
-            // Something stands out in the tile, or covers much of it; a ground that rises slowly does neither.
-            let stands = brightest > mean + rise || mean > ground + 0.5 * rise;
-            brightest > ground + rise && stands
+                [4 * u32::from(tile.brightest), tile.mean_of_four, ground].map(f64::from);
+            stands_out([brightest, mean, ground], 4.0 * rise)
         };
-        let mut spans: Vec<Span> = Vec::new();
-        for row in 0..self.mean.len() / self.across.max(1) {
-            let mut open: Option<usize> = None;
-            for column in 0..=self.across {
-                let risen = column < self.across && rises(row * self.across + column);
-                match (risen, open) {
-                    (true, None) => open = Some(column),
-                    (false, Some(first)) => {
-                        spans.push(Span {
-                            row,
-                            first,
-                            end: column,
-                        });
-                        open = None;
-                    }
-                    _ => {}
+        self.joined(&self.risen(rises), |slot| self.ground[slot])
+    }
+
+    /// What is too faint for [`Tiles::regions`]: 2 x 2 pixels together rise by more than `rise` grey values above the darkest
+    /// tile beside theirs, but no pixel by more than `most`. The tiles round it, and those that it encloses, belong to it, so that
+    /// what it holds is not cut.
+    #[must_use]
+    pub fn faint_regions(&self, rise: f64, most: f64) -> Vec<Region> {
+        let (rise, most) = (4.0 * rise, 4.0 * most);
+        let beside = self.least_mean_within(1);
+        let dim: Vec<bool> = self
+            .tiles
+            .iter()
+            .zip(&self.ground)
+            .map(|(tile, &ground)| {
+                f64::from(4 * u32::from(tile.brightest)) <= f64::from(ground) + most
+            })
+            .collect();
+        let stands = |slot: usize| {
+            let tile = &self.tiles[slot];
+            let four = [tile.brightest_four, tile.mean_of_four, beside[slot]].map(f64::from);
+            dim[slot] && stands_out(four, rise)
+        };
+        let mut risen = vec![false; self.tiles.len()];
+        for slot in (0..risen.len()).filter(|&slot| stands(slot)) {
+            let (row, column) = (slot / self.across, slot % self.across);
+            for row in row.saturating_sub(1)..(row + 2).min(risen.len() / self.across) {
+                for column in column.saturating_sub(1)..(column + 2).min(self.across) {
+                    let slot = row * self.across + column;
+                    risen[slot] = dim[slot];
                 }
             }
         }
-        self.joined(&spans, &ground)
+        let covered = |slot: usize| {
+            let [mean, ground] = [self.tiles[slot].mean_of_four, self.ground[slot]].map(f64::from);
+            dim[slot] && mean > ground + 0.5 * rise
+        };
+        for row in 0..risen.len() / self.across.max(1) {
+            self.enclose(
+                &mut risen,
+                row * self.across..(row + 1) * self.across,
+                covered,
+            );
+        }
+        self.joined(&risen, |slot| self.tiles[slot].mean_of_four)
+    }
+
+    /// Takes in the covered tiles of a row between two that rise, as far as a target reaches.
+    fn enclose(&self, risen: &mut [bool], row: Range<usize>, covered: impl Fn(usize) -> bool) {
+        let mut last = None;
+        for slot in row {
+            if risen[slot] {
+                if let Some(last) = last.filter(|&last| slot - last <= 2 * self.reach) {
+                    risen[last..slot].fill(true);
+                }
+                last = Some(slot);
+            } else if !covered(slot) {
+                last = None;
+            }
+        }
+    }
+
+    fn risen(&self, rises: impl Fn(&Tile, u32) -> bool) -> Vec<bool> {
+        let both = self.tiles.iter().zip(&self.ground);
+        both.map(|(tile, &ground)| rises(tile, ground)).collect()
+    }
+
+    /// The regions of the risen tiles, each on the least of its tiles' grounds.
+    fn joined(&self, risen: &[bool], ground: impl Fn(usize) -> u32) -> Vec<Region> {
+        let mut spans: Vec<Span> = Vec::new();
+        for (row, risen) in risen.chunks(self.across.max(1)).enumerate() {
+            let mut first = 0;
+            for tiles in risen.chunk_by(|one, next| one == next) {
+                let end = first + tiles.len();
+                if tiles[0] {
+                    spans.push(Span { row, first, end });
+                }
+                first = end;
+            }
+        }
+        self.joined_spans(&spans, ground)
     }
 
     /// Joins spans of neighbouring rows that touch, also by a corner. Regions come in the order of their first spans.
-    fn joined(&self, spans: &[Span], ground: &[u16]) -> Vec<Region> {
+    fn joined_spans(&self, spans: &[Span], ground: impl Fn(usize) -> u32) -> Vec<Region> {
         let mut links: Vec<usize> = (0..spans.len()).collect();
         let mut upper = 0;
         for (lower, span) in spans.iter().enumerate() {
@@ -152,87 +151,24 @@ impl Tiles {
                     ground: f64::INFINITY,
                     brightest: 0,
                     spans: Vec::new(),
-                    size: [self.width, self.height],
+                    size: self.size,
                 });
             }
             let region = &mut regions[*place];
-            let tiles = span.row * self.across + span.first..span.row * self.across + span.end;
-            let both = ground[tiles.clone()].iter().zip(&self.brightest[tiles]);
-            for (&ground, &brightest) in both {
-                region.ground = region.ground.min(f64::from(ground));
-                region.brightest = region.brightest.max(brightest);
+            for slot in span.row * self.across + span.first..span.row * self.across + span.end {
+                region.ground = region.ground.min(0.25 * f64::from(ground(slot)));
+                region.brightest = region.brightest.max(self.tiles[slot].brightest);
             }
             region.spans.push(*span);
         }
         regions
     }
-
-    /// For every tile the least mean of those at most `reach` rows and columns away.
-    fn least_mean_within(&self, reach: usize) -> Vec<u16> {
-        let across = self.across.max(1);
-        let mut along_rows = Vec::with_capacity(self.mean.len());
-        for row in self.mean.chunks(across) {
-            for column in 0..row.len() {
-                let near = column.saturating_sub(reach)..(column + reach + 1).min(row.len());
-                along_rows.push(row[near].iter().copied().min().unwrap_or(0));
-            }
-        }
-        let down = self.mean.len() / across;
-        let mut least = Vec::with_capacity(self.mean.len());
-        for row in 0..down {
-            let near = row.saturating_sub(reach)..(row + reach + 1).min(down);
-            let first = least.len();
-            least.extend_from_slice(&along_rows[near.start * across..(near.start + 1) * across]);
-            for other in near.skip(1) {
-                let others = &along_rows[other * across..(other + 1) * across];
-                for (least, other) in least[first..].iter_mut().zip(others) {
-                    *least = (*least).min(*other);
-                }
-            }
-        }
-        least
-    }
 }
 
-/// Brightest grey values and means of the tiles in some rows of the picture.
-fn tile_row(image: &GreyImage, rows: Range<usize>) -> (Vec<u16>, Vec<u16>) {
-    let whole = image.width() / TILE;
-    let rest = image.width() % TILE;
-    let tiles = (0..whole).map(|tile| {
-        let row = |row| image.row(row)[tile * TILE..].first_chunk();
-        tile_of(rows.clone().filter_map(row))
-    });
-    // What is left at the right border is filled up with its last column.
-    let last = (rest > 0).then(|| {
-        let row = |row| {
-            let samples = &image.row(row)[whole * TILE..];
-            std::array::from_fn(|column| samples[column.min(rest - 1)])
-        };
-        let filled: Vec<[u16; TILE]> = rows.clone().map(row).collect();
-        tile_of(filled.iter())
-    });
-    tiles.chain(last).unzip()
-}
-
-/// Brightest grey value and mean of a tile's rows.
-fn tile_of<'a>(rows: impl Iterator<Item = &'a [u16; TILE]>) -> (u16, u16) {
-    let mut brightest = [0_u16; TILE];
-    let mut sums = [0_u32; TILE];
-    let mut summed = 0;
-    for (place, row) in rows.enumerate() {
-        for (known, &grey) in brightest.iter_mut().zip(row) {
-            *known = (*known).max(grey);
-        }
-        if place % (TILE / MEAN_ROWS) == 0 {
-            summed += TILE as u32;
-            for (sum, &grey) in sums.iter_mut().zip(row) {
-                *sum += u32::from(grey);
-            }
-        }
-    }
-    let sum: u32 = sums.iter().sum();
-    let brightest = brightest.into_iter().max().unwrap_or(0);
-    (brightest, (sum / summed.max(1)) as u16)
+/// Whether something stands out in a tile, or covers much of it; a ground that rises slowly does neither.
+fn stands_out([brightest, mean, ground]: [f64; 3], rise: f64) -> bool {
+    let stands = brightest > mean + rise || mean > ground + 0.5 * rise;
+    brightest > ground + rise && stands
 }
 
 fn root(links: &mut [usize], mut slot: usize) -> usize {
@@ -260,6 +196,53 @@ impl Region {
             brightest: image.brightest(),
             spans: (0..rows).map(|row| Span { row, first: 0, end }).collect(),
             size: [width, height],
+        }
+    }
+
+    /// Whether a place of the picture belongs to it, px.
+    #[must_use]
+    pub fn holds(&self, [x_px, y_px]: [f64; 2]) -> bool {
+        let (column, row) = ((x_px / TILE as f64).floor(), (y_px / TILE as f64).floor());
+        if column < 0.0 || row < 0.0 {
+            return false;
+        }
+        let (column, row) = (column as usize, row as usize);
+        let first = self.spans.partition_point(|span| span.row < row);
+        let mut same = self.spans[first..]
+            .iter()
+            .take_while(|span| span.row == row);
+        same.any(|span| (span.first..span.end).contains(&column))
+    }
+
+    /// The columns and rows that hold it.
+    pub(super) fn bounds(&self) -> [Range<usize>; 2] {
+        let ends = |limits: [usize; 2], size: usize| {
+            (limits[0] * TILE).min(size)..(limits[1] * TILE).min(size)
+        };
+        let spans = self.spans.iter();
+        let columns = spans.fold([usize::MAX, 0], |[first, end], span| {
+            [first.min(span.first), end.max(span.end)]
+        });
+        let rows = match (self.spans.first(), self.spans.last()) {
+            (Some(first), Some(last)) => [first.row, last.row + 1],
+            _ => [0; 2],
+        };
+        [ends(columns, self.size[0]), ends(rows, self.size[1])]
+    }
+
+    /// The same in a picture of its bounds alone, whose first tile is this one, with grey values of another scale.
+    pub(super) fn moved(&self, [column, row]: [usize; 2], scale: f64) -> Self {
+        let [columns, rows] = self.bounds();
+        let moved = |span: &Span| Span {
+            row: span.row - row,
+            first: span.first - column,
+            end: span.end - column,
+        };
+        Self {
+            ground: self.ground * scale,
+            brightest: (f64::from(self.brightest) * scale).min(f64::from(u16::MAX)) as u16,
+            spans: self.spans.iter().map(moved).collect(),
+            size: [columns.len(), rows.len()],
         }
     }
 
@@ -304,7 +287,7 @@ mod tests {
             70,
             |x, y| if bright.contains(&(x, y)) { 90 } else { 10 },
         );
-        let regions = Tiles::of(&image).regions(20.0, 30.0);
+        let regions = Tiles::of(&image, 30.0).regions(20.0);
         let sizes: Vec<usize> = regions.iter().map(pixels).collect();
         assert_eq!(
             sizes,
@@ -322,7 +305,7 @@ mod tests {
     fn a_target_larger_than_a_tile_is_not_its_own_ground() {
         let inside = |x: usize, y: usize| x.abs_diff(150).pow(2) + y.abs_diff(150).pow(2) < 75 * 75;
         let image = picture(300, 300, |x, y| if inside(x, y) { 120 } else { 10 });
-        let regions = Tiles::of(&image).regions(20.0, 75.0);
+        let regions = Tiles::of(&image, 75.0).regions(20.0);
         assert_eq!(regions.len(), 1);
         let held = |x: usize, y: usize| {
             regions[0]
@@ -338,10 +321,39 @@ mod tests {
     #[test]
     fn an_empty_picture_has_no_regions() {
         let image = GreyImage::new(0, 0, BitDepth::Eight, Vec::new()).unwrap();
-        let tiles = Tiles::of(&image);
-        assert_eq!((tiles.brightest(), tiles.dark_level()), (0, 0));
-        assert!(tiles.regions(5.0, 75.0).is_empty());
+        let tiles = Tiles::of(&image, 75.0);
+        assert!(tiles.regions(5.0).is_empty() && tiles.faint_regions(2.0, 5.0).is_empty());
         assert_eq!(pixels(&Region::whole(&image, 0.0)), 0);
+    }
+
+    #[test]
+    fn a_faint_spot_and_what_is_round_it_is_one_region_and_bright_ones_are_left_out() {
+        let faint = |x: usize, y: usize| (40..42).contains(&x) && (30..32).contains(&y);
+        let image = picture(160, 90, |x, y| match (x, y) {
+            _ if faint(x, y) => 16,
+            (130, 50) => 90,
+            _ => 10,
+        });
+        let tiles = Tiles::of(&image, 30.0);
+        let regions = tiles.faint_regions(4.0, 30.0);
+        assert_eq!(regions.len(), 1);
+        assert_eq!((regions[0].ground, regions[0].brightest), (10.0, 16));
+        assert_eq!(pixels(&regions[0]), 9 * 256);
+        assert!(regions[0].holds([16.0, 0.0]) && !regions[0].holds([15.9, 5.0]));
+        assert!(regions[0].holds([63.9, 47.9]) && !regions[0].holds([64.0, 40.0]));
+        assert!(!regions[0].holds([-1.0, 20.0]));
+        assert!(tiles.faint_regions(7.0, 30.0).is_empty());
+    }
+
+    #[test]
+    fn what_a_faint_target_covers_wholly_belongs_to_it() {
+        let inside = |x: usize, y: usize| x.abs_diff(150).pow(2) + y.abs_diff(150).pow(2) < 75 * 75;
+        let image = picture(300, 300, |x, y| if inside(x, y) { 16 } else { 10 });
+        let regions = Tiles::of(&image, 75.0).faint_regions(4.0, 30.0);
+        assert_eq!(regions.len(), 1);
+        let centres = (0..300 * 300).map(|slot| [slot % 300, slot / 300]);
+        let mut covered = centres.filter(|&[x, y]| inside(x, y));
+        assert!(covered.all(|[x, y]| regions[0].holds([x as f64 + 0.5, y as f64 + 0.5])));
     }
 
     proptest! {
@@ -352,7 +364,7 @@ mod tests {
             let image = picture(130, 75, |x, y| {
                 20 + spots.iter().filter(|spot| (spot.0, spot.1) == (x, y)).map(|spot| spot.2).max().unwrap_or(0)
             });
-            let regions = Tiles::of(&image).regions(30.0, 20.0);
+            let regions = Tiles::of(&image, 20.0).regions(30.0);
             let mut held = vec![0; 130 * 75];
             for [row, first, end] in regions.iter().flat_map(Region::pieces) {
                 for held in &mut held[row * 130 + first..row * 130 + end] {

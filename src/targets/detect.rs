@@ -6,13 +6,15 @@ use nalgebra::Vector2;
 use rayon::prelude::*;
 
 use super::dot::{DotSettings, MeasuredDot, Room, Standing, View, measure_dot};
+use super::ellipse::Ellipse;
+use super::faint::faint_candidates;
 use super::finding::{Candidate, CandidateSettings, Ground, Strength, candidates, settled};
 use super::ring::{RingFrame, RingOutcome, read_ring};
 use super::rows::ByRows;
 use super::{
     CodeReading, Detections, Dot, Dot420Settings, DotIndex, Family, Rejected, read_dot420,
 };
-use crate::imaging::{GreyImage, LevelSettings, LevelTree, Tiles, noise_level};
+use crate::imaging::{GreyImage, LevelSettings, LevelTree, Tiles, noise_level, noise_of_means};
 use crate::monitor::{Interrupted, Monitor};
 
 /// How targets are detected.
@@ -58,20 +60,19 @@ pub fn detect_unless_interrupted(
     monitor: &Monitor,
 ) -> Result<Detections, Interrupted> {
     monitor.check()?;
-    let tiles = Tiles::of(image);
+    let tiles = Tiles::of(image, 0.5 * settings.dots.largest_px);
+    let noise = noise_level(image);
     let view = View {
         image,
-        noise: noise_level(image),
+        noise,
+        grain: noise_of_means(image).max(noise),
         clipping: image.depth().clipping(tiles.brightest()).map(f64::from),
     };
     let (dots, mut rejected) = find_dots(&view, &tiles, settings, monitor)?;
     let rings = read_rings(&view, &dots, families, monitor)?;
     let read = read_frames(&dots, &rings);
     let kept = without_rings(&dots, &rings, &read);
-    let by_rows = ByRows::new(dots.iter().map(|dot| {
-        let reach = dot.ellipse.half_extent().y;
-        (dot.dot.centre_px.y, reach, &dot.ellipse)
-    }));
+    let by_rows = by_rows(&dots);
     rejected.retain(|Rejected { place_px, .. }| {
         let mut near = by_rows.near(place_px.y);
         let inside = near.any(|ellipse| ellipse.level(*place_px) < 1.0);
@@ -149,17 +150,54 @@ fn find_dots(
     settings: &DetectSettings,
     monitor: &Monitor,
 ) -> Result<(Vec<MeasuredDot>, Vec<Rejected>), Interrupted> {
-    let found = settled(propose(view, tiles, settings, monitor)?);
-    let measured: Vec<_> = found
-        .places
+    let found = settled(propose(view, tiles, settings, monitor)?, view.is_even());
+    let mut dots = Vec::new();
+    let mut rejected = Vec::new();
+    measure(
+        view,
+        found.places,
+        settings,
+        monitor,
+        &mut dots,
+        &mut rejected,
+    )?;
+    if found.ground == Ground::Plain {
+        let shape = candidate_settings(settings);
+        let least = least_height(tiles, settings);
+        let mut faint = faint_candidates(view, tiles, least, &shape, monitor)?;
+        let by_rows = by_rows(&dots);
+        faint.retain(|place| {
+            let [centre, half] = [place.ellipse.centre, place.ellipse.half_extent()];
+            let mut near = by_rows.between(centre.y - half.y, centre.y + half.y);
+            !near.any(|dot| dot.level(centre) < 1.0 || place.ellipse.level(dot.centre) < 1.0)
+        });
+        measure(view, faint, settings, monitor, &mut dots, &mut rejected)?;
+    }
+    dots.sort_by(|a, b| row_by_row(a.dot.centre_px, b.dot.centre_px));
+    let mut dots = each_once(dots);
+    if found.ground == Ground::Textured {
+        rejected.append(&mut drop_grain(&mut dots));
+    }
+    widen_sigmas(&mut dots);
+    Ok((dots, rejected))
+}
+
+/// Measures candidates; what is refused goes to the rejected ones.
+fn measure(
+    view: &View,
+    places: Vec<Candidate>,
+    settings: &DetectSettings,
+    monitor: &Monitor,
+    dots: &mut Vec<MeasuredDot>,
+    rejected: &mut Vec<Rejected>,
+) -> Result<(), Interrupted> {
+    let measured: Vec<_> = places
         .into_par_iter()
         .map_init(Room::default, |room, place| {
             monitor.check()?;
             Ok((place, measure_dot(view, &place, &settings.dots, room)))
         })
         .collect::<Result<_, Interrupted>>()?;
-    let mut dots = Vec::new();
-    let mut rejected = Vec::new();
     for (place, outcome) in measured {
         match outcome {
             Ok(dot) => dots.push(dot),
@@ -169,13 +207,14 @@ fn find_dots(
             }),
         }
     }
-    dots.sort_by(|a, b| row_by_row(a.dot.centre_px, b.dot.centre_px));
-    let mut dots = each_once(dots);
-    if found.ground == Ground::Textured {
-        rejected.append(&mut drop_grain(&mut dots));
-    }
-    widen_sigmas(&mut dots);
-    Ok((dots, rejected))
+    Ok(())
+}
+
+fn by_rows(dots: &[MeasuredDot]) -> ByRows<&Ellipse> {
+    ByRows::new(dots.iter().map(|dot| {
+        let reach = dot.ellipse.half_extent().y;
+        (dot.ellipse.centre.y, reach, &dot.ellipse)
+    }))
 }
 
 /// Candidates, region by region.
@@ -191,7 +230,7 @@ fn propose(
     let levels = level_settings(view, tiles, settings);
     let shape = candidate_settings(settings);
     let (width, height) = (view.image.width(), view.image.height());
-    let regions = tiles.regions(LEFT_OUT * levels.first, 0.5 * settings.dots.largest_px);
+    let regions = tiles.regions(LEFT_OUT * levels.first);
     let found: Vec<_> = regions
         .par_iter()
         .map(|region| {
@@ -378,14 +417,21 @@ fn mark_repeated(codes: &mut [CodeReading]) {
     }
 }
 
+/// Least height of a target, grey values.
+fn least_height(tiles: &Tiles, settings: &DetectSettings) -> f64 {
+    let contrast = f64::from(tiles.brightest()) - tiles.dark_level();
+    settings.least_height * contrast
+}
+
 fn level_settings(view: &View, tiles: &Tiles, settings: &DetectSettings) -> LevelSettings {
-    let contrast = f64::from(tiles.brightest().saturating_sub(tiles.dark_level()));
     LevelSettings {
         first: (5.0 * view.noise)
-            .max(settings.least_height * contrast)
+            .max(least_height(tiles, settings))
             .max(1.0),
         ratio: settings.level_ratio,
         least_area: 4,
+        // On a flash hot spot or a bright surface there are targets too.
+        largest_area: u32::MAX,
     }
 }
 
@@ -397,7 +443,8 @@ fn candidate_settings(settings: &DetectSettings) -> CandidateSettings {
         least_levels_speck: 5,
         least_levels_bump: 7,
         firm_levels_bump: 9,
-        least_area: (settings.dots.least_axes_ratio * area(settings.dots.smallest_px)).max(5.0),
+        least_area: (settings.dots.least_axes_ratio * area(settings.dots.even.smallest_px))
+            .max(5.0),
         // What is larger is shown to be refused, within reason.
         largest_area: 4.0 * area(settings.dots.largest_px),
     }

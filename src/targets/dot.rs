@@ -7,7 +7,7 @@ use super::columns::Columns;
 use super::ellipse::{Axes, Ellipse, Nested};
 use super::finding::{Candidate, Kind};
 use super::fit::{Fit, Freedom, Rest, correct, drop_foreign, fit, slope_to_expect};
-use super::profile::Profile;
+use super::profile::{AMPLITUDE, Profile};
 use super::trust::{Leverage, Trust, trust};
 use super::window::{Company, WindowSettings, take_pixels};
 use crate::imaging::GreyImage;
@@ -15,33 +15,55 @@ use crate::imaging::GreyImage;
 /// What is accepted as the image of a round target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DotSettings {
-    /// Smallest larger diameter, px: below it a dot is not told from a glint. Default 3.5.
-    pub smallest_px: f64,
-    /// Smallest smaller diameter, px: below it the shape is the pixels' and the lens's. Default 2.
-    pub smallest_minor_px: f64,
+    /// What the smallest dots must be like on an even ground, whose noise is that of independent pixels.
+    pub even: SmallestDot,
+    /// The same on a textured ground, where glints and grain are of that size.
+    pub textured: SmallestDot,
     /// Largest larger diameter, px. Default 150.
     pub largest_px: f64,
     /// Least ratio of the diameters: the cosine of the incidence angle. Default 0.2 (78 degrees).
     pub least_axes_ratio: f64,
-    /// Least contrast as a multiple of the noise. Default 5.
+    /// Least contrast as a multiple of the noise. Default 4.
+    pub least_contrast_to_noise: f64,
+    /// Least signal to noise of the whole dot, as a filter matched to it would have it: chance reaches the default of 8 nowhere.
     pub least_signal_to_noise: f64,
     /// Largest root mean square misfit of the dot and its edge beyond the noise, as a share of the contrast:
     /// rejects what is partly covered or not elliptic. Default 0.06.
     pub largest_misfit: f64,
-    /// Largest standard deviation of the edge's blur as a share of the geometric mean diameter. Default 0.5.
+    /// Largest standard deviation of the centre, px: what is worse is of no use, and often no dot. Default 0.25.
+    pub largest_sigma_px: f64,
+}
+
+/// What the smallest dots must be like.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SmallestDot {
+    /// Smallest larger diameter, px: below it a dot is not told from a glint. Default 3.5 on a texture, else 2.5.
+    pub smallest_px: f64,
+    /// Smallest smaller diameter, px: below it the shape is the pixels' and the lens's. Default 2 on a texture, else 0.7.
+    pub smallest_minor_px: f64,
+    /// Largest standard deviation of the edge's blur as a share of the geometric mean diameter. Default 0.5 on a texture, else 1.
     pub largest_blur: f64,
 }
 
 impl Default for DotSettings {
     fn default() -> Self {
         Self {
-            smallest_px: 3.5,
-            smallest_minor_px: 2.0,
+            even: SmallestDot {
+                smallest_px: 2.5,
+                smallest_minor_px: 0.7,
+                largest_blur: 1.0,
+            },
+            textured: SmallestDot {
+                smallest_px: 3.5,
+                smallest_minor_px: 2.0,
+                largest_blur: 0.5,
+            },
             largest_px: 150.0,
             least_axes_ratio: 0.2,
-            least_signal_to_noise: 5.0,
+            least_contrast_to_noise: 4.0,
+            least_signal_to_noise: 8.0,
             largest_misfit: 0.06,
-            largest_blur: 0.5,
+            largest_sigma_px: 0.25,
         }
     }
 }
@@ -52,8 +74,19 @@ pub(super) struct View<'a> {
     pub(super) image: &'a GreyImage,
     /// Standard deviation of the noise, grey values.
     pub(super) noise: f64,
+    /// The same as the means of 2 x 2 pixels tell it: more on a textured surface.
+    pub(super) grain: f64,
     /// Grey value at which the picture clips.
     pub(super) clipping: Option<f64>,
+}
+
+impl View<'_> {
+    /// Whether the noise is that of pixels which do not hang together: no texture lies under it.
+    pub(super) fn is_even(&self) -> bool {
+        /// Edges of dots that stand close make it 1.25 at most, texture more than twice this.
+        const EVEN: f64 = 1.4;
+        self.grain < EVEN * self.noise
+    }
 }
 
 /// An accepted dot with what its fit knows beyond [`Dot`].
@@ -255,7 +288,7 @@ fn measure_in(
         correct(pixels, &mut second);
     }
     let trust = trust(pixels, &second, leverage).ok_or(unfitted)?;
-    judged(view, origin, &second, &trust, settings)
+    judged(view, origin, &second, pixels, &trust, settings)
 }
 
 /// Whether the profile, which takes the edge as straight within its blur and the pixel as a part of it, moves the centre by
@@ -431,6 +464,7 @@ fn judged(
     view: &View,
     origin: Vector2<f64>,
     fit: &Fit,
+    pixels: &Columns,
     trust: &Trust,
     settings: &DotSettings,
 ) -> Result<MeasuredDot, String> {
@@ -458,10 +492,14 @@ fn judged(
     {
         return Err("cut off at the picture's border".into());
     }
-    if major_px < settings.smallest_px {
+    let smallest = match view.is_even() {
+        true => &settings.even,
+        false => &settings.textured,
+    };
+    if major_px < smallest.smallest_px {
         return Err(format!("too small: {major_px:.1} px"));
     }
-    if minor_px < settings.smallest_minor_px {
+    if minor_px < smallest.smallest_minor_px {
         return Err(format!("too narrow: {major_px:.1} x {minor_px:.1} px"));
     }
     if major_px > settings.largest_px {
@@ -472,14 +510,20 @@ fn judged(
             "seen too obliquely: {major_px:.1} x {minor_px:.1} px"
         ));
     }
-    if contrast < settings.least_signal_to_noise * view.noise {
+    let signal = contrast * pixels.products(AMPLITUDE).1[AMPLITUDE].sqrt();
+    if contrast < settings.least_contrast_to_noise * view.noise
+        || signal < settings.least_signal_to_noise * view.noise
+    {
         return Err(format!(
             "too faint: {contrast:.1} grey values over noise of {:.1}",
             view.noise
         ));
     }
-    if profile.blur() > settings.largest_blur * (major_px * minor_px).sqrt() {
+    if profile.blur() > smallest.largest_blur * (major_px * minor_px).sqrt() {
         return Err(format!("blurred: edge of {:.1} px", profile.blur()));
+    }
+    if trust.sigma_px > settings.largest_sigma_px {
+        return Err(format!("too uncertain: {:.1} px", trust.sigma_px));
     }
     if misfit > settings.largest_misfit {
         return Err(format!(

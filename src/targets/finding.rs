@@ -14,6 +14,8 @@ pub(super) struct Candidate {
     pub(super) ellipse: Ellipse,
     /// Grey value of that component's level: separates the dot from its neighbours.
     pub(super) level: f64,
+    /// Grey value of the highest level at which it was seen.
+    pub(super) peak: f64,
     /// How far its shape alone tells it from texture.
     pub(super) kind: Kind,
     /// Whether the component touches the picture's border.
@@ -126,13 +128,14 @@ pub(super) fn candidates(
         .collect()
 }
 
-/// What is left of the candidates of all regions of a picture, when the picture tells texture from targets.
-pub(super) fn settled(found: Vec<(Candidate, Strength)>) -> Candidates {
+/// What is left of the candidates of all regions of a picture, when the picture tells texture from targets; `even` where its
+/// noise is that of pixels which do not hang together.
+pub(super) fn settled(found: Vec<(Candidate, Strength)>, even: bool) -> Candidates {
     let weak = found
         .iter()
         .filter(|(_, strength)| *strength == Strength::Weak)
         .count();
-    let ground = if 2 * weak > found.len() {
+    let ground = if 2 * weak > found.len() && !even {
         Ground::Textured
     } else {
         Ground::Plain
@@ -253,6 +256,7 @@ fn candidate(
     let place = Candidate {
         ellipse: Ellipse::from_moments(Vector2::new(middle.x_px, middle.y_px), middle.moments)?,
         level: middle.level,
+        peak: last.level,
         kind,
         at_border,
     };

@@ -3,10 +3,12 @@
 use nalgebra::Vector2;
 
 use super::Dot;
-use super::dot::{DotSettings, MeasuredDot, Room, View, measure_dot};
+use super::dot::{DotSettings, MeasuredDot, Room, SmallestDot, View, measure_dot};
 use super::ellipse::Ellipse;
 use super::finding::{Candidate, CandidateSettings, Kind, candidates, settled};
-use crate::imaging::{BitDepth, GreyImage, LevelSettings, LevelTree, Region, noise_level};
+use crate::imaging::{
+    BitDepth, GreyImage, LevelSettings, LevelTree, Region, noise_level, noise_of_means,
+};
 use crate::monitor::Monitor;
 
 /// How a dot is measured where somebody points.
@@ -22,13 +24,20 @@ pub struct MeasureAtSettings {
 
 impl Default for MeasureAtSettings {
     fn default() -> Self {
+        // The operator's word that a target is there.
+        let by_hand = SmallestDot {
+            smallest_px: 2.5,
+            smallest_minor_px: 2.0,
+            largest_blur: 0.7,
+        };
         Self {
             dots: DotSettings {
-                smallest_px: 2.5,
                 least_axes_ratio: 0.12,
-                least_signal_to_noise: 4.0,
+                least_contrast_to_noise: 4.0,
                 largest_misfit: 0.15,
-                largest_blur: 0.7,
+                largest_sigma_px: 1.0,
+                even: by_hand,
+                textured: by_hand,
                 ..DotSettings::default()
             },
             reach_px: 6.0,
@@ -104,6 +113,7 @@ impl CutOut {
         let view = View {
             image: &self.picture,
             noise: noise_level(&self.picture),
+            grain: noise_of_means(&self.picture),
             clipping: self.picture.clipping().map(f64::from),
         };
         let mut refused = None;
@@ -141,6 +151,7 @@ impl CutOut {
             first: (4.0 * view.noise).max(1.0),
             ratio: settings.level_ratio,
             least_area: 4,
+            largest_area: u32::MAX,
         };
         let surroundings = Region::whole(&self.picture, percentile(&self.picture, 0.05));
         // Nobody interrupts this monitor.
@@ -158,7 +169,7 @@ impl CutOut {
         };
         let (width, height) = (self.picture.width(), self.picture.height());
         let found = candidates(&tree, width, height, &conditions);
-        let mut near: Vec<Candidate> = settled(found)
+        let mut near: Vec<Candidate> = settled(found, false)
             .places
             .into_iter()
             .filter(|candidate| is_near(&candidate.ellipse, place, settings.reach_px))
@@ -187,6 +198,7 @@ impl CutOut {
                 ellipse.filter(|_| top > surroundings + LEAST_HEIGHT * view.noise)
             {
                 found.push(Candidate {
+                    peak: top,
                     ellipse,
                     level: 0.5 * (top + surroundings),
                     kind: Kind::Speck,

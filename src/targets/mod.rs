@@ -34,6 +34,7 @@ mod dot;
 mod dot420;
 mod ellipse;
 mod exact;
+mod faint;
 mod family;
 mod finding;
 mod fit;
@@ -50,7 +51,7 @@ mod window;
 
 pub use detect::{DetectSettings, detect, detect_unless_interrupted};
 pub use detections::{CodeEvidence, CodeReading, Detections, Dot, DotIndex, Rejected};
-pub use dot::DotSettings;
+pub use dot::{DotSettings, SmallestDot};
 pub use dot420::{Dot420Reading, Dot420Settings, NominalCamera, read_dot420};
 pub use family::{
     DOT420_AXES, Family, UnknownFamily, dot420_number, dot420_positions, dot420_table,

@@ -29,7 +29,12 @@ impl<T> ByRows<T> {
 
     /// What may reach a row, in the order of the rows.
     pub(super) fn near(&self, row: f64) -> impl Iterator<Item = &T> {
-        let (first, last) = (row - self.reach, row + self.reach);
+        self.between(row, row)
+    }
+
+    /// What may reach some rows, in the order of the rows.
+    pub(super) fn between(&self, first: f64, last: f64) -> impl Iterator<Item = &T> {
+        let (first, last) = (first - self.reach, last + self.reach);
         let begin = self.things.partition_point(|(other, _)| *other < first);
         let rest = self.things[begin..].iter();
         rest.take_while(move |(other, _)| *other <= last)
