@@ -1,6 +1,7 @@
 //! One reading of a picture in tiles: what each holds, and the ground that it lies on.
 
 use bytemuck::cast;
+use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
 
 use super::{BitDepth, GreyImage};
@@ -45,11 +46,18 @@ impl Tiles {
     pub fn of(image: &GreyImage, reach_px: f64) -> Self {
         let (width, height) = (image.width(), image.height());
         let down = height.div_ceil(TILE);
+        let arch = Arch::new();
         let rows: Vec<Vec<Tile>> = (0..down)
             .into_par_iter()
             .map(|row| match image.depth() {
-                BitDepth::Eight => tile_row(image, row * TILE, Sums::add_of_eight_bits),
-                BitDepth::Sixteen => tile_row(image, row * TILE, Sums::add),
+                BitDepth::Eight => arch.dispatch(TileRow::<true> {
+                    image,
+                    first: row * TILE,
+                }),
+                BitDepth::Sixteen => arch.dispatch(TileRow::<false> {
+                    image,
+                    first: row * TILE,
+                }),
             })
             .collect();
         let across = width.div_ceil(TILE);
@@ -118,34 +126,41 @@ impl Tiles {
     }
 }
 
-/// The tiles of the rows of a picture from this one on; `add` adds two rows of a tile.
-fn tile_row(
-    image: &GreyImage,
+/// The tiles of the rows of a picture from this one on. The loop runs with the widest instructions that the machine has.
+struct TileRow<'a, const EIGHT_BITS: bool> {
+    image: &'a GreyImage,
     first: usize,
-    add: impl Fn(&mut Sums, &[u16; TILE], &[u16; TILE]),
-) -> Vec<Tile> {
-    let rows = first..(first + TILE).min(image.height());
-    let whole = image.width() / TILE;
-    let rest = image.width() % TILE;
-    let mut sums = vec![Sums::default(); image.width().div_ceil(TILE)];
-    for row in rows.clone().step_by(2) {
-        // A last row without a second one is its own.
-        let pair = [row, (row + 1).min(rows.end - 1)].map(|row| image.row(row));
-        let [upper, lower] = pair.map(|row| row.as_chunks().0);
-        for ((sums, upper), lower) in sums.iter_mut().zip(upper).zip(lower) {
-            add(sums, upper, lower);
+}
+
+impl<const EIGHT_BITS: bool> NullaryFnOnce for TileRow<'_, EIGHT_BITS> {
+    type Output = Vec<Tile>;
+
+    #[inline(always)]
+    fn call(self) -> Vec<Tile> {
+        let Self { image, first } = self;
+        let rows = first..(first + TILE).min(image.height());
+        let whole = image.width() / TILE;
+        let rest = image.width() % TILE;
+        let mut sums = vec![Sums::default(); image.width().div_ceil(TILE)];
+        for row in rows.clone().step_by(2) {
+            // A last row without a second one is its own.
+            let pair = [row, (row + 1).min(rows.end - 1)].map(|row| image.row(row));
+            let [upper, lower] = pair.map(|row| row.as_chunks().0);
+            for ((sums, upper), lower) in sums.iter_mut().zip(upper).zip(lower) {
+                sums.add_rows::<EIGHT_BITS>(upper, lower);
+            }
+            if rest > 0 {
+                // What is left at the right border is filled up with its last column.
+                let [upper, lower] = pair.map(|row| {
+                    let samples = &row[whole * TILE..];
+                    std::array::from_fn(|column| samples[column.min(rest - 1)])
+                });
+                sums[whole].add_rows::<EIGHT_BITS>(&upper, &lower);
+            }
         }
-        if rest > 0 {
-            // What is left at the right border is filled up with its last column.
-            let [upper, lower] = pair.map(|row| {
-                let samples = &row[whole * TILE..];
-                std::array::from_fn(|column| samples[column.min(rest - 1)])
-            });
-            add(&mut sums[whole], &upper, &lower);
-        }
+        let pairs = rows.len().div_ceil(2);
+        sums.iter().map(|sums| sums.tile(pairs)).collect()
     }
-    let pairs = rows.len().div_ceil(2);
-    sums.iter().map(|sums| sums.tile(pairs)).collect()
 }
 
 /// What a tile holds, column by column, and by two columns.
@@ -158,6 +173,15 @@ struct Sums {
 
 // Sums of four are at most 2^18, and there are 128 of them: checks for overflow would take longer than the sums.
 impl Sums {
+    #[inline(always)]
+    fn add_rows<const EIGHT_BITS: bool>(&mut self, upper: &[u16; TILE], lower: &[u16; TILE]) {
+        if EIGHT_BITS {
+            self.add_of_eight_bits(upper, lower);
+        } else {
+            self.add(upper, lower);
+        }
+    }
+
     /// Two rows of a picture of 8 bit: sums of four have no more than 16 bits either, which go twice as fast.
     #[inline(always)]
     fn add_of_eight_bits(&mut self, upper: &[u16; TILE], lower: &[u16; TILE]) {
