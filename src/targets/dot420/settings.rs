@@ -45,7 +45,8 @@ pub struct Dot420Settings {
     /// a plain target less room to pass for a code's dot: fewer wrong numbers and fewer doubts.
     pub camera: Option<NominalCamera>,
     /// Largest likelihood, as a multiple of the reading's, of all codes that would look the same if one of their dots were hidden
-    /// and one of these six were a plain target; default 5e-5. A smaller one doubts more true codes among plain targets.
+    /// and one of these six were a plain target; default 1.5e-5, which passes about one in a million codes with a hidden dot and
+    /// doubts most codes in a field of plain targets. 5e-5 passes some four and doubts far fewer.
     pub rival_chance: f64,
 }
 
@@ -66,7 +67,7 @@ impl Default for Dot420Settings {
             contrast_ratio: 4.0,
             clear_pitches: 2.6,
             camera: None,
-            rival_chance: 5e-5,
+            rival_chance: 1.5e-5,
         }
     }
 }

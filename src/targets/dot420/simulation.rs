@@ -333,6 +333,10 @@ fn a_code_with_a_hidden_dot_gets_no_other_number_without_a_doubt() {
 #[test]
 fn a_known_camera_takes_doubts_away() {
     let camera = wide_angle_camera();
+    let unknown = Dot420Settings {
+        rival_chance: 1e-4,
+        ..Dot420Settings::default()
+    };
     let known = Dot420Settings {
         camera: Some(NominalCamera {
             principal_distance_px: 0.93 * camera.interior.principal_distance
@@ -340,7 +344,7 @@ fn a_known_camera_takes_doubts_away() {
             principal_point_px: [camera.width_px, camera.height_px].map(|n| 0.5 * f64::from(n)),
             principal_distance_share: 0.1,
         }),
-        ..Dot420Settings::default()
+        ..unknown.clone()
     };
     let run = |settings: &Dot420Settings| {
         let mut tally = Tally::default();
@@ -349,7 +353,7 @@ fn a_known_camera_takes_doubts_away() {
         }
         tally
     };
-    let (without, with) = (run(&Dot420Settings::default()), run(&known));
+    let (without, with) = (run(&unknown), run(&known));
     assert_eq!(with.read, with.scenes, "{with:?}");
     assert!(
         4 * with.read_with_doubt < 3 * without.read_with_doubt,

@@ -54,15 +54,13 @@ impl Field<'_> {
         };
         // The dot in question would be one of the plain targets too, which matters where they are few.
         let density = RADII_PITCHES
-            .into_iter()
-            .map(|radius| {
-                (
-                    f64::from(within(radius)),
-                    std::f64::consts::PI * radius * radius,
-                )
+            .map(|radius| match f64::from(within(radius)) {
+                0.0 => 0.0,
+                count => {
+                    (count + 1.0) / (std::f64::consts::PI * radius * radius - GUARDED_PITCHES2)
+                }
             })
-            .filter(|(count, _)| *count > 0.0)
-            .map(|(count, area)| (count + 1.0) / (area - GUARDED_PITCHES2))
+            .into_iter()
             .fold(0.0, f64::max);
         let (zone, intruders) = self.clear_zone(reading, &foreign);
         let open = |exchange: &&Exchange| {
