@@ -154,8 +154,9 @@ fn find_dots(
     )?;
     if found.ground == Ground::Plain {
         let shape = candidate_settings(settings);
-        let least = least_height(tiles, settings);
-        let mut faint = faint_candidates(view, tiles, least, &shape, monitor)?;
+        let first = level_settings(view, tiles, settings).first;
+        let heights = [least_height(tiles, settings), first];
+        let mut faint = faint_candidates(view, tiles, heights, &shape, monitor)?;
         faint.retain(|place| !inside_a_dot(place, &dots));
         measure(view, faint, settings, monitor, &mut dots, &mut rejected)?;
     }
