@@ -8,8 +8,10 @@
 //! a textured panel nor the neighbouring targets can spoil "the" local background: the ground only says where nothing
 //! is. Components are found by run lengths and union-find, a level inside the runs of the level below.
 //!
+//! What is too faint for that shows by the sums of 2 x 2 pixels, and is cut in grey values that [`Smoothed`] has made quieter.
+//!
 //! The noise is the robust spread (Rousseeuw and Croux's 1.4826 times the median absolute value) of the second
-//! differences of neighbouring pixels.
+//! differences of neighbouring pixels. The same of means of 2 x 2 pixels says more where pixels hang together: texture.
 //!
 //! Invariant: only `load` touches files; orientation tags never turn coordinates.
 

@@ -163,8 +163,9 @@ fn find_dots(
     )?;
     if found.ground == Ground::Plain {
         let shape = candidate_settings(settings);
-        let least = least_height(tiles, settings);
-        let mut faint = faint_candidates(view, tiles, least, &shape, monitor)?;
+        let first = level_settings(view, tiles, settings).first;
+        let heights = [least_height(tiles, settings), first];
+        let mut faint = faint_candidates(view, tiles, heights, &shape, monitor)?;
         let by_rows = by_rows(&dots);
         faint.retain(|place| {
             let [centre, half] = [place.ellipse.centre, place.ellipse.half_extent()];

@@ -25,7 +25,8 @@ pub struct DotSettings {
     pub least_axes_ratio: f64,
     /// Least contrast as a multiple of the noise. Default 4.
     pub least_contrast_to_noise: f64,
-    /// Least signal to noise of the whole dot, as a filter matched to it would have it: chance reaches the default of 8 nowhere.
+    /// Least signal to noise of the whole dot, that of a filter matched to it: contrast times the root of the sum of its squared
+    /// shares of the pixels, over the noise. Default 8: noise alone reaches it once in 10^15 places.
     pub least_signal_to_noise: f64,
     /// Largest root mean square misfit of the dot and its edge beyond the noise, as a share of the contrast:
     /// rejects what is partly covered or not elliptic. Default 0.06.
@@ -510,13 +511,16 @@ fn judged(
             "seen too obliquely: {major_px:.1} x {minor_px:.1} px"
         ));
     }
-    let signal = contrast * pixels.products(AMPLITUDE).1[AMPLITUDE].sqrt();
-    if contrast < settings.least_contrast_to_noise * view.noise
-        || signal < settings.least_signal_to_noise * view.noise
-    {
+    let signal = contrast * pixels.products(AMPLITUDE).1[AMPLITUDE].sqrt() / view.noise;
+    if contrast < settings.least_contrast_to_noise * view.noise {
         return Err(format!(
             "too faint: {contrast:.1} grey values over noise of {:.1}",
             view.noise
+        ));
+    }
+    if signal < settings.least_signal_to_noise {
+        return Err(format!(
+            "too faint: all its pixels together {signal:.1} times the noise"
         ));
     }
     if profile.blur() > smallest.largest_blur * (major_px * minor_px).sqrt() {
