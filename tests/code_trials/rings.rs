@@ -7,7 +7,7 @@ use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 use tiepoint::targets::{DetectSettings, Family, detect, ring_table};
 
-use super::picture::{Exposure, picture};
+use super::picture::{Exposure, Shade, developed, still};
 use super::plane_view::PlaneView;
 use super::{Kind, Tally};
 
@@ -50,12 +50,14 @@ impl CoverShape {
 }
 
 /// A sector of a ring that is dark or light instead of what it should be: from `start`, `width` segments.
+#[derive(Clone, Copy)]
 struct Sector {
     start: f64,
     width: f64,
     light: bool,
 }
 
+#[derive(Clone)]
 struct Ring {
     view: PlaneView,
     segments: u8,
@@ -77,26 +79,27 @@ impl Ring {
         }
     }
 
-    /// Whether the target is light at a pixel.
-    fn is_light(&self, px: Vector2<f64>) -> bool {
+    /// Which part of the target is seen at a pixel, from 1, and whether it is light; `None` on the ground round it.
+    fn part(&self, px: Vector2<f64>) -> Option<(u32, bool)> {
         let plane = self.view.plane(px);
         let squared = plane.norm_squared();
         if squared < 1.0 {
-            return true;
+            return Some((1, true));
         }
         if !(4.0..9.0).contains(&squared) {
-            return false;
+            return None;
         }
         let count = u32::from(self.segments);
         // Clockwise as seen, from the plane's x axis.
         let turn = (-plane.y).atan2(plane.x).rem_euclid(TAU) / TAU * f64::from(count);
+        let segment = (turn as u32).min(count - 1);
         if let Some(sector) = &self.sector
             && (turn - sector.start).rem_euclid(f64::from(count)) < sector.width
         {
-            return sector.light;
+            return Some((2 + count + segment, sector.light));
         }
-        let segment = (turn as u32).min(count - 1);
-        (self.bits >> (count - 1 - segment)) & 1 == 1
+        let light = (self.bits >> (count - 1 - segment)) & 1 == 1;
+        Some((2 + segment, light))
     }
 }
 
@@ -145,23 +148,39 @@ impl Scene {
         }
     }
 
+    fn shade(&self, px: Vector2<f64>) -> Shade {
+        /// More than a ring has parts.
+        const PARTS: u32 = 100;
+        if let Some(cover) = self.covers.iter().find(|cover| cover.shape.hides(px)) {
+            return Shade {
+                part: 1,
+                grey: cover.grey,
+            };
+        }
+        let grey = |light| if light { self.light.target } else { self.light.ground };
+        let discs = self.discs.iter();
+        let disc = discs.zip(2..).find(|((m, r), _)| (px - m).norm_squared() < r * r);
+        if let Some((_, part)) = disc {
+            return Shade {
+                part,
+                grey: grey(true),
+            };
+        }
+        let rings = self.rings.iter().zip(1..);
+        let seen = rings
+            .filter_map(|(ring, k)| ring.part(px).map(|(part, light)| (k * PARTS + part, light)))
+            .next();
+        let (part, light) = seen.unwrap_or((0, false));
+        Shade {
+            part,
+            grey: grey(light),
+        }
+    }
+
     fn trial(&self, random: &mut ChaCha8Rng) -> Tally {
-        let grey = |px: Vector2<f64>| {
-            if let Some(cover) = self.covers.iter().find(|cover| cover.shape.hides(px)) {
-                return cover.grey;
-            }
-            let light = self.rings.iter().any(|ring| ring.is_light(px))
-                || self
-                    .discs
-                    .iter()
-                    .any(|(m, r)| (px - m).norm_squared() < r * r);
-            if light {
-                self.light.target
-            } else {
-                self.light.ground
-            }
-        };
-        let image = picture(self.size, grey, &Exposure::default(), random);
+        let exposure = Exposure::default();
+        let still = still(self.size, |px| self.shade(px), &exposure);
+        let image = developed(self.size, &still, &exposure, random);
         let families = [Family::Ring(self.rings[0].segments)];
         let found = detect(&image, &families, &DetectSettings::default());
         let mut tally = Tally {
@@ -170,19 +189,67 @@ impl Scene {
         };
         for code in &found.codes {
             let centre = found.dots[code.dots[0].slot()].centre_px;
-            let right = self
-                .rings
-                .iter()
-                .any(|ring| ring.id == code.id && ring.view.plane(centre).norm() < 0.5);
+            let here = |ring: &&Ring| ring.view.plane(centre).norm() < 0.5;
+            let ring = self.rings.iter().find(here);
+            let right = ring.is_some_and(|ring| ring.id == code.id);
             let counter = match (right, &code.doubt) {
                 (true, None) => &mut tally.read,
                 (true, Some(_)) => &mut tally.doubtful,
+                (false, None) if ring.is_some_and(|ring| self.shows(&still, ring, code.id)) => {
+                    &mut tally.same_picture
+                }
                 (false, None) => &mut tally.wrong,
                 (false, Some(_)) => &mut tally.wrong_doubtful,
             };
             *counter += 1;
         }
         tally
+    }
+
+    /// Whether the picture without noise, within 3.5 radii of the code's dot, is the one of another number at the same place: the two
+    /// differ by less than noise tells from nothing (chi-square), or nowhere by more than film may be uneven.
+    fn shows(&self, still: &[f64], ring: &Ring, id: u32) -> bool {
+        /// Five standard deviations of the noise, for a reader who knows what to look for.
+        const CHI_SQUARE: f64 = 25.0;
+        /// Unevenness of what is dark and of what is light, shares of the contrast, in the mean of 3 x 3 pixels.
+        const DARK: f64 = 0.04;
+        const LIGHT: f64 = 0.12;
+        let exposure = Exposure::default();
+        let [width, height] = self.size;
+        let contrast = self.light.target - self.light.ground;
+        let pattern = ring_table(ring.segments)[id as usize - 1];
+        let n = ring.segments;
+        (0..n).any(|turn| {
+            let mask = (1_u32 << n) - 1;
+            let other = Ring {
+                bits: ((pattern << turn) | (pattern >> (n - turn))) & mask,
+                sector: None,
+                ..ring.clone()
+            };
+            let alone = Scene {
+                rings: vec![other],
+                discs: Vec::new(),
+                covers: Vec::new(),
+                ..*self
+            };
+            let picture = super::picture::still(self.size, |px| alone.shade(px), &exposure);
+            let off = |column: usize, row: usize| {
+                let slot = row * width + column;
+                let middle = Vector2::new(column as f64 + 0.5, row as f64 + 0.5);
+                let near = ring.view.plane(middle).norm() < 3.5;
+                if near { still[slot] - picture[slot] } else { 0.0 }
+            };
+            let (mut chi_square, mut even) = (0.0, true);
+            for row in 1..height - 1 {
+                for column in 1..width - 1 {
+                    chi_square += (off(column, row) / exposure.noise).powi(2);
+                    let around: f64 = (0..9).map(|k| off(column + k % 3 - 1, row + k / 3 - 1)).sum();
+                    let share = (picture[row * width + column] - self.light.ground) / contrast;
+                    even &= (around / 9.0).abs() < (DARK + (LIGHT - DARK) * share) * contrast;
+                }
+            }
+            even || chi_square < CHI_SQUARE
+        })
     }
 }
 
@@ -318,9 +385,9 @@ pub(crate) fn kinds(segments: u8) -> Vec<Kind> {
     let family = Family::Ring(segments);
     let mut kinds = Vec::new();
     let sizes = if segments == 20 {
-        [12.0, 20.0]
+        [10.0, 12.0, 14.0, 20.0]
     } else {
-        [8.0, 12.0]
+        [8.0, 10.0, 12.0, 14.0]
     };
     for dot_px in sizes {
         for incidence in [0.0, 20.0, 40.0, 60.0, 70.0] {
