@@ -117,6 +117,8 @@ fn decide(patch: &Patch, fits: &[Fitted]) -> RingOutcome {
     let [best, others @ ..] = fits else {
         return RingOutcome::Plain;
     };
+    /// Largest difference from the picture of its number, as a share of the contrast.
+    const LARGEST_MISFIT: f64 = 0.15;
     let segments = best.segments();
     let (darkest, lightest) = (0.5, 1.8);
     let ring_light = 1.0 / best.scene.dot_light.max(1e-3);
@@ -136,8 +138,8 @@ fn decide(patch: &Patch, fits: &[Fitted]) -> RingOutcome {
     let Some(found) = ring_evidence(patch, best) else {
         return RingOutcome::Plain;
     };
-    if 2 * found.departing_segments > u32::from(segments) {
-        return RingOutcome::Unreadable("most of its ring is not as its number says".into());
+    if found.misfit > LARGEST_MISFIT {
+        return RingOutcome::Unreadable("its ring does not look like the one of any number".into());
     }
     let rival = others
         .iter()
@@ -178,7 +180,7 @@ fn doubt(
 ) -> Option<String> {
     /// A segment must be this clearly light or dark: the difference between the two is 1.
     const LEAST_MARGIN: f64 = 0.36;
-    /// Largest difference of the whole code that nothing speaks against.
+    /// Largest difference from the picture of its number that nothing speaks against, as a share of the contrast.
     const LARGEST_MISFIT: f64 = 0.1;
     const LARGEST_SLOPE: f64 = 0.7;
     if let Some(rival) = rival {

@@ -206,14 +206,17 @@ impl Scene {
         tally
     }
 
-    /// Whether the picture without noise, within 3.5 radii of the code's dot, is the one of another number at the same place: the two
-    /// differ by less than noise tells from nothing (chi-square), or nowhere by more than film may be uneven.
+    /// Whether the picture without noise, within 3.5 radii of the code's dot, is the one of another number at the same place. It
+    /// is where the two differ by less than noise tells from nothing (chi-square), or where the means of 3 x 3 pixels differ nowhere
+    /// by more than film and print may be uneven and noise strong together: a reader that refused this would refuse real codes.
     fn shows(&self, still: &[f64], ring: &Ring, id: u32) -> bool {
         /// Five standard deviations of the noise, for a reader who knows what to look for.
         const CHI_SQUARE: f64 = 25.0;
-        /// Unevenness of what is dark and of what is light, shares of the contrast, in the mean of 3 x 3 pixels.
-        const DARK: f64 = 0.04;
+        /// Unevenness of what is dark, and of what is at least half light, shares of the contrast.
+        const DARK: f64 = 0.05;
         const LIGHT: f64 = 0.12;
+        /// Noise of the mean, in standard deviations.
+        const SIGMAS: f64 = 5.0;
         let exposure = Exposure::default();
         let [width, height] = self.size;
         let contrast = self.light.target - self.light.ground;
@@ -245,7 +248,8 @@ impl Scene {
                     chi_square += (off(column, row) / exposure.noise).powi(2);
                     let around: f64 = (0..9).map(|k| off(column + k % 3 - 1, row + k / 3 - 1)).sum();
                     let share = (picture[row * width + column] - self.light.ground) / contrast;
-                    even &= (around / 9.0).abs() < (DARK + (LIGHT - DARK) * share) * contrast;
+                    let uneven = DARK + (LIGHT - DARK) * (2.0 * share).min(1.0);
+                    even &= (around / 9.0).abs() < uneven * contrast + SIGMAS * exposure.noise / 3.0;
                 }
             }
             even || chi_square < CHI_SQUARE

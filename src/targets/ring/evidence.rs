@@ -6,19 +6,27 @@
 //! The difference is averaged over three by three pixels, the size of the blur; it may be as large as the film is uneven, the frame
 //! wrong and the noise strong. The levels of whole segments show slighter differences.
 
-use super::fitting::Fitted;
+use nalgebra::{Matrix2, Vector2};
+
+use super::first_look::MIDDLE;
+use super::fitting::{Fitted, shown};
+use super::frame::RingFrame;
 use super::patch::{Patch, middle};
 
 /// Largest error of the frame, pixels of the patch: it shows at the edges.
 const FRAME_PX: f64 = 0.12;
+/// How far the border of two segments may be from where it should be, pixels of the patch.
+const BORDER_PX: f64 = 0.2;
 /// Unevenness of what is dark, as a share of the contrast.
-const DARK: f64 = 0.04;
+const DARK: f64 = 0.05;
 /// The same as the level of a whole dark segment.
 const DARK_SEGMENT: f64 = 0.03;
-/// Unevenness of what is light: retro-reflective film, print.
+/// How far the level of a whole light segment may be from the others'.
+const LIGHT_SEGMENT: f64 = 0.25;
+/// Unevenness of what is light within a segment: retro-reflective film, print.
 const LIGHT: f64 = 0.12;
 /// Noise that may be seen, in standard deviations.
-const NOISE_SIGMAS: f64 = 4.5;
+const NOISE_SIGMAS: f64 = 5.0;
 
 /// How a ring code compares with the picture that its number says.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,21 +47,82 @@ struct Off {
     count: f64,
 }
 
+/// Where a pixel lies in the code.
+struct Place {
+    /// In radii of the dot, perspective left out.
+    affine: Vector2<f64>,
+    /// Direction as a share of the turn.
+    turn: f64,
+}
+
+impl Place {
+    fn of(frame: &RingFrame, back: &Matrix2<f64>, column: usize, row: usize) -> Self {
+        let affine = back * (middle(column, row) - frame.centre);
+        Self {
+            affine,
+            turn: (affine.y.atan2(affine.x) / std::f64::consts::TAU).rem_euclid(1.0),
+        }
+    }
+
+    fn segment(&self, segments: usize) -> usize {
+        ((self.turn * segments as f64) as usize).min(segments - 1)
+    }
+
+    /// The border with this number begins the segment with the same.
+    fn nearest_border(&self, segments: usize) -> usize {
+        (self.turn * segments as f64).round() as usize % segments
+    }
+}
+
+/// How far the border between two segments is from where it should be, by least squares.
+#[derive(Clone, Copy, Default)]
+struct Border {
+    product: f64,
+    square: f64,
+}
+
+impl Border {
+    fn add(&mut self, off: f64, by: f64) {
+        self.product += off * by;
+        self.square += by * by;
+    }
+
+    /// Radians.
+    fn shift(&self) -> f64 {
+        self.product / self.square.max(f64::MIN_POSITIVE)
+    }
+
+    /// Standard deviation from noise, radians.
+    fn sigma(&self, noise: f64) -> f64 {
+        noise / self.square.max(f64::MIN_POSITIVE).sqrt()
+    }
+}
+
 /// Compares the picture with the fitted code.
 pub(super) fn ring_evidence(patch: &Patch, fitted: &Fitted) -> Option<RingEvidence> {
     let scene = &fitted.scene;
+    let frame = &scene.frame;
+    let back = frame.map.try_inverse()?;
     let mut offs = vec![Off::default(); patch.columns * patch.rows];
     let (mut squares, mut count) = (0.0, 0.0);
-    scene.compare(patch, &fitted.sketch, &fitted.bits, |column, row, grey, seen| {
+    let mut borders = vec![Border::default(); fitted.bits.len()];
+    scene.compare(patch, &fitted.sketch, &shown(&fitted.shares), |column, row, grey, seen| {
         let light = seen.light.max(0.25 * scene.light[0]);
         let share = seen.ring.value + seen.dot.value;
         let slope = (seen.ring.slope + scene.dot_light * seen.dot.slope).norm();
         let off = (grey - seen.grey) / light;
         offs[row * patch.columns + column] = Off {
             off,
-            tolerated: DARK + (LIGHT - DARK) * share + FRAME_PX * slope,
+            tolerated: (DARK + (LIGHT - DARK) * (2.0 * share).min(1.0)).max(FRAME_PX * slope),
             count: 1.0,
         };
+        let place = Place::of(frame, &back, column, row);
+        // The picture as a border goes forward by a radian.
+        let turned = frame.map * Vector2::new(-place.affine.y, place.affine.x);
+        borders[place.nearest_border(fitted.bits.len())].add(
+            grey - seen.grey,
+            -seen.light * seen.ring.slope.dot(&turned),
+        );
         squares += off * off;
         count += 1.0;
     });
@@ -64,20 +133,27 @@ pub(super) fn ring_evidence(patch: &Patch, fitted: &Fitted) -> Option<RingEviden
         .zip(&fitted.bits)
         .zip(&fitted.sigmas)
         .map(|((share, &light), sigma)| {
-            let (level, uneven) = if light { (1.0, LIGHT) } else { (0.0, DARK_SEGMENT) };
-            (share - level).abs() / (uneven + NOISE_SIGMAS * sigma)
+            let (level, uneven) = if light { (1.0, LIGHT_SEGMENT) } else { (0.0, DARK_SEGMENT) };
+            (share - level).abs() / f64::hypot(uneven, NOISE_SIGMAS * sigma)
         })
         .collect();
-    let back = scene.frame.map.try_inverse()?;
+    for (index, border) in borders.iter().enumerate() {
+        let behind = (index + departures.len() - 1) % departures.len();
+        if fitted.bits[index] == fitted.bits[behind] {
+            continue;
+        }
+        let angle = std::f64::consts::TAU * index as f64 / departures.len() as f64;
+        let px = MIDDLE * (frame.map * Vector2::new(-angle.sin(), angle.cos())).norm();
+        let departure = px * border.shift().abs()
+            / f64::hypot(BORDER_PX, NOISE_SIGMAS * px * border.sigma(patch.noise));
+        departures[index] = departures[index].max(departure);
+    }
     for (column, row, _) in patch.pixels() {
         let sum = around(&offs, patch, column, row);
-        let departure = sum.off.abs() / (sum.tolerated + noise * sum.count.sqrt());
-        let place = back * (middle(column, row) - scene.frame.centre);
-        let turn = (place.y.atan2(place.x) / std::f64::consts::TAU).rem_euclid(1.0);
-        let segment = (turn * departures.len() as f64) as usize;
-        if let Some(largest) = departures.get_mut(segment) {
-            *largest = largest.max(departure);
-        }
+        let departure = sum.off.abs() / sum.tolerated.hypot(noise * sum.count.sqrt());
+        let place = Place::of(frame, &back, column, row);
+        let largest = &mut departures[place.segment(fitted.bits.len())];
+        *largest = largest.max(departure);
     }
     Some(RingEvidence {
         departure: departures.iter().copied().fold(0.0, f64::max),

@@ -94,7 +94,7 @@ fn settled(patch: &Patch, first: Look, segments: u8) -> Option<Fitted> {
         mut levels,
     } = first;
     let mut light = Light::of(&levels.segments)?;
-    let mut bits = light.bits(&levels.segments);
+    let mut shares = light.shares(&levels.segments);
     let mut scene = Scene {
         frame,
         dot_radius: 1.0,
@@ -104,26 +104,44 @@ fn settled(patch: &Patch, first: Look, segments: u8) -> Option<Fitted> {
         dot_light: levels.dot / light.plane[0],
     };
     for _ in 0..ROUNDS {
+        // What a frame that is not yet right makes of the levels would hold it where it is.
+        let even = |share: &f64| f32::from(u8::from(is_light(share)));
+        let even: Vec<f32> = shares.iter().map(even).collect();
         for _ in 0..STEPS {
-            scene = step(patch, &sketch, &bits, &scene)?;
+            scene = step(patch, &sketch, &even, &scene)?;
             sketch = scene.sketch(patch, segments)?;
         }
         levels = self::levels(patch, &sketch, segments)?;
         light = Light::of(&levels.segments)?;
-        let before = std::mem::replace(&mut bits, light.bits(&levels.segments));
-        if before == bits {
+        let before = std::mem::replace(&mut shares, light.shares(&levels.segments));
+        if before.iter().map(is_light).eq(shares.iter().map(is_light)) {
             break;
         }
     }
-    let share = |(segment, &level): (usize, &f64)| light.share(segment, level);
+    // Now they are the film's.
+    scene = step(patch, &sketch, &shown(&shares), &scene)?;
+    sketch = scene.sketch(patch, segments)?;
+    levels = self::levels(patch, &sketch, segments)?;
+    light = Light::of(&levels.segments)?;
+    shares = light.shares(&levels.segments);
     Some(Fitted {
-        shares: levels.segments.iter().enumerate().map(share).collect(),
-        sigmas: levels.sigmas.iter().enumerate().map(share).collect(),
+        sigmas: light.shares(&levels.sigmas),
         rest: levels.rest / light.plane[0],
-        bits,
+        bits: shares.iter().map(is_light).collect(),
+        shares,
         scene,
         sketch,
     })
+}
+
+fn is_light(share: &f64) -> bool {
+    *share > 0.5
+}
+
+/// What a code shows whose film is uneven: light segments as light as they are, dark ones dark.
+pub(super) fn shown(shares: &[f64]) -> Vec<f32> {
+    let shown = |share: &f64| if is_light(share) { *share as f32 } else { 0.0 };
+    shares.iter().map(shown).collect()
 }
 
 /// The light on the ring: mean, and slopes along the cosine and sine of the direction, grey values.
@@ -171,9 +189,9 @@ impl Light {
         level / self.row(segment).dot(&self.plane).max(0.25 * self.plane[0])
     }
 
-    fn bits(&self, levels: &[f64]) -> Vec<bool> {
-        let shares = levels.iter().enumerate();
-        shares.map(|(segment, &level)| self.share(segment, level) > 0.5).collect()
+    fn shares(&self, levels: &[f64]) -> Vec<f64> {
+        let levels = levels.iter().enumerate();
+        levels.map(|(segment, &level)| self.share(segment, level)).collect()
     }
 
     /// Level and slopes per pixel.

@@ -1,4 +1,4 @@
-//! The frame, the grey values and the blur of a code whose bits are known, from all of its pixels: Gauss-Newton steps.
+//! The frame, the grey values and the blur of a code whose segments are known, from all of its pixels: Gauss-Newton steps.
 //!
 //! A feature of the picture moves with the frame, so the derivative by a parameter of the frame is the slope of the
 //! computed picture against that motion; the one by the blur is the blur times the Laplacian (the heat equation).
@@ -41,15 +41,15 @@ pub(super) struct Seen {
 }
 
 impl Scene {
-    /// Calls `see` with column, row, grey value and the computed picture at every pixel of the code; the sketch is of this scene.
+    /// The picture with segments as light as these shares: calls `see` with column, row, grey value and the computed picture at every pixel of the code; the sketch is of this scene.
     pub(super) fn compare(
         &self,
         patch: &Patch,
         sketch: &Sketch,
-        bits: &[bool],
+        shares: &[f32],
         mut see: impl FnMut(usize, usize, f64, &Seen),
     ) {
-        let (dot, ring) = (sketch.dot(), sketch.ring(bits));
+        let (dot, ring) = (sketch.dot(), sketch.ring(shares));
         for (column, row, grey) in patch.pixels() {
             let away = away(patch, column, row);
             let light = plane(self.light, away);
@@ -74,7 +74,7 @@ impl Scene {
 const UNKNOWNS: usize = 17;
 
 /// One step; `None` where it cannot be made or leads astray.
-pub(super) fn step(patch: &Patch, sketch: &Sketch, bits: &[bool], scene: &Scene) -> Option<Scene> {
+pub(super) fn step(patch: &Patch, sketch: &Sketch, shares: &[f32], scene: &Scene) -> Option<Scene> {
     /// Unevenness of film and print, as a share of the contrast.
     const UNEVEN: f64 = 0.03;
     /// What departs by more than so many sigmas loses its say.
@@ -91,7 +91,7 @@ pub(super) fn step(patch: &Patch, sketch: &Sketch, bits: &[bool], scene: &Scene)
     let mut right = SVector::<f64, UNKNOWNS>::zeros();
     let frame = &scene.frame;
     let back = frame.map.try_inverse()?;
-    scene.compare(patch, sketch, bits, |column, row, grey, seen| {
+    scene.compare(patch, sketch, shares, |column, row, grey, seen| {
         let off = grey - seen.grey;
         let affine = back * (middle(column, row) - frame.centre);
         let scale = 1.0 / (1.0 - frame.tilt.dot(&affine));

@@ -173,12 +173,12 @@ impl Sketch {
     }
 
     /// What the whole ring gives, its segments light to these shares.
-    pub(super) fn ring(&self, light: &[bool]) -> Blurred {
+    pub(super) fn ring(&self, light: &[f32]) -> Blurred {
         let all = Span {
             columns: [0, self.columns],
             rows: [0, self.rows],
         };
-        let share = |segment: u8| f32::from(u8::from(light[usize::from(segment)]));
+        let share = |segment: u8| light[usize::from(segment)];
         self.blurred(all, |node| {
             if node.ring > 0.0 {
                 let own = share(node.segment);
