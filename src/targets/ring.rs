@@ -71,23 +71,25 @@ fn best_fits(
 ) -> Option<(Patch, Vec<Fitted>)> {
     /// What a code leaves unexplained at most, as a share of its light.
     const LARGEST_REST: f64 = 0.2;
-    let frame = refined(view, dot, &frame).and_then(|frame| refined(view, dot, &frame))?;
-    let changes = changes(view, dot, &frame)?;
-    let patch = Patch::of(view, dot, &frame)?;
+    let by_ring = refined(view, dot, &frame).and_then(|frame| refined(view, dot, &frame))?;
+    let changes = changes(view, dot, &by_ring)?;
+    let patch = Patch::of(view, dot, &by_ring)?;
+    let frames = [by_ring, frame];
     let mut fits: Vec<Fitted> = segments
         .iter()
-        .filter_map(|&n| fit_of(&patch, dot, &frame, &changes, n))
+        .filter_map(|&n| fit_of(&patch, dot, &frames, &changes, n))
         .filter(|fit| fit.rest < LARGEST_REST)
         .collect();
     fits.sort_by(|a, b| a.rest.total_cmp(&b.rest));
     (!fits.is_empty()).then_some((patch, fits))
 }
 
-/// The fit in the grid that the changes between light and dark tell, or, where segments are few blurs wide, in the best of some.
+/// The fit in the grid that the changes between light and dark tell, or, where segments are few blurs wide, the best of those
+/// that start from some grids in the frames of ring and dot.
 fn fit_of(
     patch: &Patch,
     dot: &MeasuredDot,
-    frame: &RingFrame,
+    frames: &[RingFrame; 2],
     changes: &[f64],
     segments: u8,
 ) -> Option<Fitted> {
@@ -96,21 +98,34 @@ fn fit_of(
     const LARGEST: f64 = 0.34;
     /// Segments narrower than so many blurs run into one another.
     const NARROW: f64 = 6.0;
-    /// A good fit leaves no more than this unexplained, as a share of the light.
-    const GOOD_REST: f64 = 0.05;
+    /// A good fit leaves no more than this unexplained beyond some noise, as a share of the light.
+    const GOOD_REST: f64 = 0.02;
+    const SIGMAS: f64 = 1.2;
     /// Places of the grid that are tried, in segments.
     const BEGINS: [f64; 5] = [0.0, 0.2, 0.4, 0.6, 0.8];
     let told = Grid::of(changes, segments)
         .filter(|grid| grid.rms < LARGEST_RMS && grid.largest < LARGEST)
-        .and_then(|grid| fitted(patch, frame, segments, &[grid.begin]));
+        .and_then(|grid| fitted(patch, &frames[0], segments, &[grid.begin]));
     let width = MIDDLE * std::f64::consts::TAU / f64::from(segments) * 0.5 * dot.dot.minor_px;
-    if told.as_ref().is_some_and(|fit| fit.rest < GOOD_REST) || width > NARROW * dot.blur {
-        return told;
+    let good = |fit: &Fitted| {
+        let noise = SIGMAS * patch.noise / fit.scene.light[0];
+        fit.rest < GOOD_REST.hypot(noise)
+    };
+    let mut best = told;
+    if width > NARROW * dot.blur {
+        return best;
     }
-    let tried = fitted(patch, frame, segments, &BEGINS);
-    told.into_iter()
-        .chain(tried)
-        .min_by(|a, b| a.rest.total_cmp(&b.rest))
+    for frame in frames {
+        if best.as_ref().is_some_and(good) {
+            break;
+        }
+        let tried = fitted(patch, frame, segments, &BEGINS);
+        best = best
+            .into_iter()
+            .chain(tried)
+            .min_by(|a, b| a.rest.total_cmp(&b.rest));
+    }
+    best
 }
 
 fn decide(patch: &Patch, fits: &[Fitted]) -> RingOutcome {

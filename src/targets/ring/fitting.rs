@@ -87,7 +87,9 @@ pub(super) fn fitted(
 /// Bits and frame in turn until the bits stay.
 fn settled(patch: &Patch, first: Look, segments: u8) -> Option<Fitted> {
     const ROUNDS: usize = 3;
-    const STEPS: usize = 2;
+    /// Steps a round at most, and a motion, in pixels, after which none is needed.
+    const STEPS: usize = 8;
+    const RESTS: f64 = 0.1;
     let Look {
         frame,
         mut sketch,
@@ -108,8 +110,12 @@ fn settled(patch: &Patch, first: Look, segments: u8) -> Option<Fitted> {
         let even = |share: &f64| f32::from(u8::from(is_light(share)));
         let even: Vec<f32> = shares.iter().map(even).collect();
         for _ in 0..STEPS {
-            scene = step(patch, &sketch, &even, &scene)?;
+            let step = step(patch, &sketch, &even, &scene)?;
+            scene = step.scene;
             sketch = scene.sketch(patch, segments)?;
+            if step.moved < RESTS {
+                break;
+            }
         }
         levels = self::levels(patch, &sketch, segments)?;
         light = Light::of(&levels.segments)?;
@@ -119,7 +125,7 @@ fn settled(patch: &Patch, first: Look, segments: u8) -> Option<Fitted> {
         }
     }
     // Now they are the film's.
-    scene = step(patch, &sketch, &shown(&shares), &scene)?;
+    scene = step(patch, &sketch, &shown(&shares), &scene)?.scene;
     sketch = scene.sketch(patch, segments)?;
     levels = self::levels(patch, &sketch, segments)?;
     light = Light::of(&levels.segments)?;

@@ -73,8 +73,14 @@ impl Scene {
 
 const UNKNOWNS: usize = 17;
 
+/// A scene and how far the last step moved the ring in it, pixels.
+pub(super) struct Step {
+    pub(super) scene: Scene,
+    pub(super) moved: f64,
+}
+
 /// One step; `None` where it cannot be made or leads astray.
-pub(super) fn step(patch: &Patch, sketch: &Sketch, shares: &[f32], scene: &Scene) -> Option<Scene> {
+pub(super) fn step(patch: &Patch, sketch: &Sketch, shares: &[f32], scene: &Scene) -> Option<Step> {
     /// Unevenness of film and print, as a share of the contrast.
     const UNEVEN: f64 = 0.03;
     /// What departs by more than so many sigmas loses its say.
@@ -83,7 +89,7 @@ pub(super) fn step(patch: &Patch, sketch: &Sketch, shares: &[f32], scene: &Scene
     /// light across the code, light of the dot.
     const TILT: f64 = 0.02;
     const DOT_RADIUS: f64 = 0.03;
-    const BLUR: f64 = 0.1;
+    const BLUR: f64 = 0.3;
     const SLOPE: f64 = 0.3;
     const DOT_LIGHT: f64 = 0.3;
     let variance = patch.noise.powi(2) + (UNEVEN * scene.light[0]).powi(2);
@@ -144,7 +150,7 @@ pub(super) fn step(patch: &Patch, sketch: &Sketch, shares: &[f32], scene: &Scene
     hold(15, scene.light[2], sloping);
     hold(16, scene.dot_light - 1.0, DOT_LIGHT);
     let by = normal.cholesky()?.solve(&right);
-    let moved = Scene {
+    let next = Scene {
         frame: RingFrame {
             centre: frame.centre + Vector2::new(by[0], by[1]),
             map: frame.map + Matrix2::new(by[2], by[3], by[4], by[5]),
@@ -156,14 +162,18 @@ pub(super) fn step(patch: &Patch, sketch: &Sketch, shares: &[f32], scene: &Scene
         light: std::array::from_fn(|k| scene.light[k] + by[13 + k]),
         dot_light: scene.dot_light + by[16],
     };
-    moved.is_plausible(patch).then_some(moved)
+    // At the ring's outer edge the map acts over three radii of the dot, the perspective over the square of that.
+    let turned = 3.0 * by.fixed_rows::<4>(2).norm();
+    let tilted = 9.0 * by.fixed_rows::<2>(6).norm() * frame.map.norm();
+    let moved = by.fixed_rows::<2>(0).norm() + turned + tilted;
+    next.is_plausible(patch).then_some(Step { scene: next, moved })
 }
 
 impl Scene {
     fn is_plausible(&self, patch: &Patch) -> bool {
         self.frame.tilt.norm() < 0.15
             && (0.8..1.25).contains(&self.dot_radius)
-            && (0.5..2.0).contains(&(self.blur / patch.blur))
+            && (0.4..2.0).contains(&(self.blur / patch.blur))
             && self.light[0] > 0.0
             && self.frame.map.determinant() > 0.0
     }
