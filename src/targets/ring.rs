@@ -101,6 +101,8 @@ fn fit_of(
     /// A good fit leaves no more than this unexplained beyond some noise, as a share of the light.
     const GOOD_REST: f64 = 0.02;
     const SIGMAS: f64 = 1.2;
+    /// What leaves more is no ring in any frame.
+    const HOPELESS_REST: f64 = 0.12;
     /// Places of the grid that are tried, in segments.
     const BEGINS: [f64; 5] = [0.0, 0.2, 0.4, 0.6, 0.8];
     let told = Grid::of(changes, segments)
@@ -116,7 +118,8 @@ fn fit_of(
         return best;
     }
     for frame in frames {
-        if best.as_ref().is_some_and(good) {
+        let done = |fit: &Fitted| good(fit) || fit.rest > HOPELESS_REST;
+        if best.as_ref().is_some_and(done) {
             break;
         }
         let tried = fitted(patch, frame, segments, &BEGINS);

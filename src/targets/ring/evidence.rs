@@ -25,6 +25,8 @@ const DARK_SEGMENT: f64 = 0.03;
 const LIGHT_SEGMENT: f64 = 0.25;
 /// Unevenness of what is light within a segment: retro-reflective film, print.
 const LIGHT: f64 = 0.12;
+/// Unevenness of single pixels.
+const UNEVEN: f64 = 0.02;
 /// Noise that may be seen, in standard deviations.
 const NOISE_SIGMAS: f64 = 5.0;
 
@@ -127,14 +129,16 @@ pub(super) fn ring_evidence(patch: &Patch, fitted: &Fitted) -> Option<RingEviden
         count += 1.0;
     });
     let noise = NOISE_SIGMAS * patch.noise / scene.light[0];
+    // What is uneven round a narrow segment is taken for its level as noise is.
+    let uneven = f64::hypot(1.0, UNEVEN * scene.light[0] / patch.noise.max(f64::MIN_POSITIVE));
     let mut departures: Vec<f64> = fitted
         .shares
         .iter()
         .zip(&fitted.bits)
         .zip(&fitted.sigmas)
         .map(|((share, &light), sigma)| {
-            let (level, uneven) = if light { (1.0, LIGHT_SEGMENT) } else { (0.0, DARK_SEGMENT) };
-            (share - level).abs() / f64::hypot(uneven, NOISE_SIGMAS * sigma)
+            let (level, even) = if light { (1.0, LIGHT_SEGMENT) } else { (0.0, DARK_SEGMENT) };
+            (share - level).abs() / f64::hypot(even, NOISE_SIGMAS * uneven * sigma)
         })
         .collect();
     for (index, border) in borders.iter().enumerate() {

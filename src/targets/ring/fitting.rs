@@ -67,8 +67,11 @@ pub(super) fn fitted(
     segments: u8,
     begins: &[f64],
 ) -> Option<Fitted> {
-    /// What no code leaves unexplained in any grid, as a share of its light.
-    const LARGEST_REST: f64 = 0.35;
+    /// What no code leaves unexplained in any grid and in the best one, as a share of its light.
+    const LARGEST_REST: f64 = 0.3;
+    const LARGEST_REST_OF_BEST: f64 = 0.2;
+    /// Light of the dot against the ring's, at least.
+    const LEAST_DOT: f64 = 0.4;
     let per_segment = std::f64::consts::TAU / f64::from(segments);
     let local = frame.within(patch.corner, patch.step);
     let mut best: Option<Look> = None;
@@ -81,7 +84,14 @@ pub(super) fn fitted(
             best = Some(next);
         }
     }
-    settled(patch, best?, segments)
+    let best = best?;
+    let light = Light::of(&best.levels.segments)?.plane[0];
+    let like_a_code = best.levels.rest < LARGEST_REST_OF_BEST * light
+        && best.levels.dot > LEAST_DOT * light;
+    if !like_a_code {
+        return None;
+    }
+    settled(patch, best, segments)
 }
 
 /// Bits and frame in turn until the bits stay.
