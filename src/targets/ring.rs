@@ -146,6 +146,9 @@ fn decide(patch: &Patch, fits: &[Fitted]) -> RingOutcome {
             100.0 * ring_light
         ));
     }
+    if best.scene.strain(patch) > 1.0 {
+        return RingOutcome::Unreadable("dot and ring do not belong together".into());
+    }
     let Some(id) = ring_number(best.pattern(), segments) else {
         return RingOutcome::Unreadable(format!(
             "ring pattern {:0width$b} is no ring{segments} code: partly covered?",

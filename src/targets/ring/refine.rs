@@ -170,6 +170,20 @@ pub(super) fn step(patch: &Patch, sketch: &Sketch, shares: &[f32], scene: &Scene
 }
 
 impl Scene {
+    /// How far perspective, print and blur had to be stretched to make the picture a code's, as a multiple of what happens.
+    pub(super) fn strain(&self, patch: &Patch) -> f64 {
+        /// A code of 120 radii away at 70 degrees has 0.008, a lens adds as much.
+        const TILT: f64 = 0.03;
+        const DOT_RADIUS: f64 = 0.06;
+        const BLUR: f64 = 0.3;
+        let strains = [
+            self.frame.tilt.norm() / TILT,
+            (self.dot_radius - 1.0).abs() / DOT_RADIUS,
+            (self.blur / patch.blur).ln().abs() / BLUR,
+        ];
+        strains.into_iter().fold(0.0, f64::max)
+    }
+
     fn is_plausible(&self, patch: &Patch) -> bool {
         self.frame.tilt.norm() < 0.15
             && (0.8..1.25).contains(&self.dot_radius)
