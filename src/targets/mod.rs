@@ -22,8 +22,8 @@
 //! blur of 1.2 px it is 0.0009 px.
 //! A peak of just 5 sigmas is not found, whatever the size: detection begins there. The plot is `assets/centres.svg`.
 //!
-//! Ring codes are read in the frame that their dot's ellipse gives, corrected by the ring's own edges; the rule is to
-//! read a number rightly or to say why not.
+//! Ring codes are read by computing the picture of the whole code, blur and perspective included, from the frame that their dot's
+//! ellipse gives; the rule is to read a number rightly or to say why not.
 //!
 //! Invariant: pure functions of one picture; no orientation, no adjustment, the same digits on any number of threads.
 

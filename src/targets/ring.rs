@@ -57,9 +57,8 @@ pub(super) fn read_ring(view: &View, dot: &MeasuredDot, segments: &[u8]) -> Ring
     if segments.is_empty() || !may_be_ring(view, dot, &frame) {
         return RingOutcome::Plain;
     }
-    best_fits(view, dot, frame, segments).map_or(RingOutcome::Plain, |(patch, fits)| {
-        decide(&patch, &fits)
-    })
+    best_fits(view, dot, frame, segments)
+        .map_or(RingOutcome::Plain, |(patch, fits)| decide(&patch, &fits))
 }
 
 /// The fits of every number of segments, the best first; `None` where there is no ring.
@@ -162,9 +161,9 @@ fn decide(patch: &Patch, fits: &[Fitted]) -> RingOutcome {
     if found.misfit > LARGEST_MISFIT {
         return RingOutcome::Unreadable("its ring does not look like the one of any number".into());
     }
-    let rival = others
-        .iter()
-        .find(|fit| ring_number(fit.pattern(), fit.segments()).is_some() && fit.rest < 1.5 * best.rest);
+    let rival = others.iter().find(|fit| {
+        ring_number(fit.pattern(), fit.segments()).is_some() && fit.rest < 1.5 * best.rest
+    });
     let margins = best.shares.iter().map(|share| (share - 0.5).abs());
     let evidence = CodeEvidence {
         fit: found.departure,

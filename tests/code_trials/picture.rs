@@ -53,7 +53,12 @@ pub(crate) fn still(
     exposure: &Exposure,
 ) -> Vec<f64> {
     let corners: Vec<Shade> = (0..(width + 1) * (height + 1))
-        .map(|k| shade(Vector2::new((k % (width + 1)) as f64, (k / (width + 1)) as f64)))
+        .map(|k| {
+            shade(Vector2::new(
+                (k % (width + 1)) as f64,
+                (k / (width + 1)) as f64,
+            ))
+        })
         .collect();
     let mut sharp = vec![0.0; width * height];
     for (index, value) in sharp.iter_mut().enumerate() {

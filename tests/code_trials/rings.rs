@@ -157,9 +157,17 @@ impl Scene {
                 grey: cover.grey,
             };
         }
-        let grey = |light| if light { self.light.target } else { self.light.ground };
+        let grey = |light| {
+            if light {
+                self.light.target
+            } else {
+                self.light.ground
+            }
+        };
         let discs = self.discs.iter();
-        let disc = discs.zip(2..).find(|((m, r), _)| (px - m).norm_squared() < r * r);
+        let disc = discs
+            .zip(2..)
+            .find(|((m, r), _)| (px - m).norm_squared() < r * r);
         if let Some((_, part)) = disc {
             return Shade {
                 part,
@@ -240,16 +248,23 @@ impl Scene {
                 let slot = row * width + column;
                 let middle = Vector2::new(column as f64 + 0.5, row as f64 + 0.5);
                 let near = ring.view.plane(middle).norm() < 3.5;
-                if near { still[slot] - picture[slot] } else { 0.0 }
+                if near {
+                    still[slot] - picture[slot]
+                } else {
+                    0.0
+                }
             };
             let (mut chi_square, mut even) = (0.0, true);
             for row in 1..height - 1 {
                 for column in 1..width - 1 {
                     chi_square += (off(column, row) / exposure.noise).powi(2);
-                    let around: f64 = (0..9).map(|k| off(column + k % 3 - 1, row + k / 3 - 1)).sum();
+                    let around: f64 = (0..9)
+                        .map(|k| off(column + k % 3 - 1, row + k / 3 - 1))
+                        .sum();
                     let share = (picture[row * width + column] - self.light.ground) / contrast;
                     let uneven = DARK + (LIGHT - DARK) * (2.0 * share).min(1.0);
-                    even &= (around / 9.0).abs() < uneven * contrast + SIGMAS * exposure.noise / 3.0;
+                    even &=
+                        (around / 9.0).abs() < uneven * contrast + SIGMAS * exposure.noise / 3.0;
                 }
             }
             even || chi_square < CHI_SQUARE

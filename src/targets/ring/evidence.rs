@@ -3,8 +3,14 @@
 //! A cover over two segments can turn a number into another valid one, and parity does not see it. But the code's picture is
 //! known once its number is ([`super::sketch`]), and what a cover leaves behind departs from it: a border off the grid or not
 //! along a radius, a segment cut at its inner or outer edge, a grey level that is neither the ground's nor the code's.
-//! The difference is averaged over three by three pixels, the size of the blur; it may be as large as the film is uneven, the frame
-//! wrong and the noise strong. The levels of whole segments show slighter differences.
+//! Three things are looked at:
+//! - the difference in the mean of three by three pixels, the size of the blur: it may be as large as film and print are uneven
+//!   and the noise is strong;
+//! - the borders between light and dark segments: how far along the ring each one is from the grid, by least squares over its pixels;
+//! - the levels of whole segments, which show slighter differences in grey.
+//!
+//! What cannot be told: a cover of the ground's own grey whose borders lie in dark segments or on the grid leaves the picture of
+//! another number.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -108,36 +114,46 @@ pub(super) fn ring_evidence(patch: &Patch, fitted: &Fitted) -> Option<RingEviden
     let mut offs = vec![Off::default(); patch.columns * patch.rows];
     let (mut squares, mut count) = (0.0, 0.0);
     let mut borders = vec![Border::default(); fitted.bits.len()];
-    scene.compare(patch, &fitted.sketch, &shown(&fitted.shares), |column, row, grey, seen| {
-        let light = seen.light.max(0.25 * scene.light[0]);
-        let share = seen.ring.value + seen.dot.value;
-        let slope = (seen.ring.slope + scene.dot_light * seen.dot.slope).norm();
-        let off = (grey - seen.grey) / light;
-        offs[row * patch.columns + column] = Off {
-            off,
-            tolerated: (DARK + (LIGHT - DARK) * (2.0 * share).min(1.0)).max(FRAME_PX * slope),
-            count: 1.0,
-        };
-        let place = Place::of(frame, &back, column, row);
-        // The picture as a border goes forward by a radian.
-        let turned = frame.map * Vector2::new(-place.affine.y, place.affine.x);
-        borders[place.nearest_border(fitted.bits.len())].add(
-            grey - seen.grey,
-            -seen.light * seen.ring.slope.dot(&turned),
-        );
-        squares += off * off;
-        count += 1.0;
-    });
+    scene.compare(
+        patch,
+        &fitted.sketch,
+        &shown(&fitted.shares),
+        |column, row, grey, seen| {
+            let light = seen.light.max(0.25 * scene.light[0]);
+            let share = seen.ring.value + seen.dot.value;
+            let slope = (seen.ring.slope + scene.dot_light * seen.dot.slope).norm();
+            let off = (grey - seen.grey) / light;
+            offs[row * patch.columns + column] = Off {
+                off,
+                tolerated: (DARK + (LIGHT - DARK) * (2.0 * share).min(1.0)).max(FRAME_PX * slope),
+                count: 1.0,
+            };
+            let place = Place::of(frame, &back, column, row);
+            // The picture as a border goes forward by a radian.
+            let turned = frame.map * Vector2::new(-place.affine.y, place.affine.x);
+            borders[place.nearest_border(fitted.bits.len())]
+                .add(grey - seen.grey, -seen.light * seen.ring.slope.dot(&turned));
+            squares += off * off;
+            count += 1.0;
+        },
+    );
     let noise = NOISE_SIGMAS * patch.noise / scene.light[0];
     // What is uneven round a narrow segment is taken for its level as noise is.
-    let uneven = f64::hypot(1.0, UNEVEN * scene.light[0] / patch.noise.max(f64::MIN_POSITIVE));
+    let uneven = f64::hypot(
+        1.0,
+        UNEVEN * scene.light[0] / patch.noise.max(f64::MIN_POSITIVE),
+    );
     let mut departures: Vec<f64> = fitted
         .shares
         .iter()
         .zip(&fitted.bits)
         .zip(&fitted.sigmas)
         .map(|((share, &light), sigma)| {
-            let (level, even) = if light { (1.0, LIGHT_SEGMENT) } else { (0.0, DARK_SEGMENT) };
+            let (level, even) = if light {
+                (1.0, LIGHT_SEGMENT)
+            } else {
+                (0.0, DARK_SEGMENT)
+            };
             (share - level).abs() / f64::hypot(even, NOISE_SIGMAS * uneven * sigma)
         })
         .collect();

@@ -80,14 +80,17 @@ pub(super) fn fitted(
         if next.levels.rest > LARGEST_REST * Light::of(&next.levels.segments)?.plane[0] {
             return None;
         }
-        if best.as_ref().is_none_or(|best| next.levels.rest < best.levels.rest) {
+        if best
+            .as_ref()
+            .is_none_or(|best| next.levels.rest < best.levels.rest)
+        {
             best = Some(next);
         }
     }
     let best = best?;
     let light = Light::of(&best.levels.segments)?.plane[0];
-    let like_a_code = best.levels.rest < LARGEST_REST_OF_BEST * light
-        && best.levels.dot > LEAST_DOT * light;
+    let like_a_code =
+        best.levels.rest < LARGEST_REST_OF_BEST * light && best.levels.dot > LEAST_DOT * light;
     if !like_a_code {
         return None;
     }
@@ -207,7 +210,9 @@ impl Light {
 
     fn shares(&self, levels: &[f64]) -> Vec<f64> {
         let levels = levels.iter().enumerate();
-        levels.map(|(segment, &level)| self.share(segment, level)).collect()
+        levels
+            .map(|(segment, &level)| self.share(segment, level))
+            .collect()
     }
 
     /// Level and slopes per pixel.

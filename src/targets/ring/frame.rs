@@ -110,5 +110,9 @@ pub(super) fn refined(view: &View, dot: &MeasuredDot, frame: &RingFrame) -> Opti
     // In perspective the radius in a direction falls by tilt . q as a share of itself.
     let tilt = frame.tilt - Vector2::new(by[3], by[4]) / MIDDLE;
     let plausible = by[0].abs() < 0.25 && by[1].hypot(by[2]) < 0.25 && tilt.norm() < 0.15;
-    plausible.then_some(RingFrame { map, tilt, ..*frame })
+    plausible.then_some(RingFrame {
+        map,
+        tilt,
+        ..*frame
+    })
 }

@@ -67,7 +67,9 @@ pub(super) fn levels(patch: &Patch, sketch: &Sketch, segments: u8) -> Option<Lev
     let freedom: f64 = count - unknowns as f64;
     (freedom > 0.0).then(|| Levels {
         segments: found.as_slice()[..n].to_vec(),
-        sigmas: (0..n).map(|k| patch.noise * cofactor[(k, k)].sqrt()).collect(),
+        sigmas: (0..n)
+            .map(|k| patch.noise * cofactor[(k, k)].sqrt())
+            .collect(),
         dot: found[n],
         ground: [found[n + 1], found[n + 2], found[n + 3]],
         rest: ((squares - found.dot(&right)).max(0.0) / freedom).sqrt(),

@@ -166,7 +166,8 @@ pub(super) fn step(patch: &Patch, sketch: &Sketch, shares: &[f32], scene: &Scene
     let turned = 3.0 * by.fixed_rows::<4>(2).norm();
     let tilted = 9.0 * by.fixed_rows::<2>(6).norm() * frame.map.norm();
     let moved = by.fixed_rows::<2>(0).norm() + turned + tilted;
-    next.is_plausible(patch).then_some(Step { scene: next, moved })
+    next.is_plausible(patch)
+        .then_some(Step { scene: next, moved })
 }
 
 impl Scene {

@@ -106,7 +106,8 @@ impl Sketch {
             let Some(ends) = pen.along_row(y) else {
                 continue;
             };
-            let [first, end] = ends.map(|x| ((x + frame.centre.x) * NODES).clamp(0.0, columns as f64));
+            let [first, end] =
+                ends.map(|x| ((x + frame.centre.x) * NODES).clamp(0.0, columns as f64));
             for begin in (first as usize..(end.ceil() as usize).min(columns)).step_by(LANES) {
                 let x = begin as f64 / NODES - frame.centre.x;
                 if let Some(strokes) = pen.strokes(x as f32, y as f32) {
@@ -141,7 +142,8 @@ impl Sketch {
                     (1, 1.0 - within)
                 };
                 let neighbour = (segment + step) % self.segments.len();
-                node.mix = soft(f32x4::splat(-border / segments * strokes.per_turn[lane])).to_array()[0];
+                node.mix =
+                    soft(f32x4::splat(-border / segments * strokes.per_turn[lane])).to_array()[0];
                 node.segment = segment as u8;
                 node.neighbour = neighbour as u8;
                 self.segments[segment].add(column, row);
@@ -308,11 +310,16 @@ impl Pen {
         let [by_x, by_y] = &self.back;
         let xs = f32x4::splat(x) + f32x4::from([0.0, 1.0, 2.0, 3.0]) * all(1.0 / NODES);
         let ys = f32x4::splat(y);
-        let affine = [all(by_x.x) * xs + all(by_y.x) * ys, all(by_x.y) * xs + all(by_y.y) * ys];
+        let affine = [
+            all(by_x.x) * xs + all(by_y.x) * ys,
+            all(by_x.y) * xs + all(by_y.y) * ys,
+        ];
         let (tilt_x, tilt_y) = (all(self.tilt.x), all(self.tilt.y));
         let scale = one / (one - tilt_x * affine[0] - tilt_y * affine[1]).max(all(0.1));
         let plane = affine.map(|value| value * scale);
-        let radius = (plane[0] * plane[0] + plane[1] * plane[1]).sqrt().max(all(1e-6));
+        let radius = (plane[0] * plane[0] + plane[1] * plane[1])
+            .sqrt()
+            .max(all(1e-6));
         let outward = plane.map(|value| value / radius);
         // Derivative of the plane by the picture: scale (I + plane tilt^T) back; softness of an edge with this normal.
         let softness = |along_x: f32x4, along_y: f32x4| {
@@ -322,7 +329,8 @@ impl Pen {
         let across = softness(outward[0] + tilt_x * radius, outward[1] + tilt_y * radius);
         let sharpness = one / across;
         let dot = soft((all(self.dot_radius) - radius) * sharpness);
-        let ring = soft((radius - all(INNER)) * sharpness) * soft((all(OUTER) - radius) * sharpness);
+        let ring =
+            soft((radius - all(INNER)) * sharpness) * soft((all(OUTER) - radius) * sharpness);
         let (dot, ring) = (dot.to_array(), ring.to_array());
         let drawn = |shares: &[f32; LANES]| shares.iter().any(|&share| share > 0.0);
         if !drawn(&ring) {
