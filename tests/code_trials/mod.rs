@@ -8,6 +8,7 @@
 pub(crate) mod picture;
 pub(crate) mod plane_view;
 pub(crate) mod rendered;
+pub(crate) mod ring_scene;
 pub(crate) mod rings;
 pub(crate) mod six_dots;
 
