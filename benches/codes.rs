@@ -21,9 +21,9 @@ fn main() {
     let wanted =
         |place: usize, name: &str| words.get(place).is_none_or(|word| name.starts_with(word));
     println!(
-        "| family | kind | trials | read | doubtful | not read | wrong, without a doubt | 95 % bound | wrong, with a doubt | s |"
+        "| family | kind | trials | read | doubtful | not read | wrong, without a doubt | 95 % bound | its picture is the other number's | wrong, with a doubt | us a trial |"
     );
-    println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
+    println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
     for kind in kinds() {
         let family = kind.family.to_string();
         if !(wanted(1, &family) && wanted(2, &kind.name)) {
@@ -36,7 +36,7 @@ fn main() {
             shown => format!("{:.3} %", 100.0 * part as f64 / shown as f64),
         };
         println!(
-            "| {family} | {} | {} | {} | {} | {} | {} | {:.1e} | {} | {:.0} |",
+            "| {family} | {} | {} | {} | {} | {} | {} | {:.1e} | {} | {} | {:.0} |",
             kind.name,
             tally.trials,
             share(tally.read),
@@ -44,8 +44,9 @@ fn main() {
             share(tally.not_read()),
             tally.wrong,
             tally.wrong_bound(),
+            tally.same_picture,
             tally.wrong_doubtful,
-            begun.elapsed().as_secs_f64()
+            1e6 * begun.elapsed().as_secs_f64() / tally.trials.max(1) as f64
         );
     }
 }

@@ -5,9 +5,6 @@ mod code_trials;
 use code_trials::{Kind, Tally, kinds};
 use tiepoint::targets::Family;
 
-/// Kinds of cover that leave nothing behind in the picture: the ground's own grey, ending in dark segments.
-const CANNOT_BE_TOLD: [&str; 2] = ["part of a ring changed", "cover, the ground's grey"];
-
 fn run(wanted: impl Fn(&Kind) -> bool, count: u64) -> Vec<(String, Tally)> {
     kinds()
         .into_iter()
@@ -19,12 +16,13 @@ fn run(wanted: impl Fn(&Kind) -> bool, count: u64) -> Vec<(String, Tally)> {
 #[test]
 fn clean_codes_are_read_without_a_doubt() {
     let clean = |kind: &Kind| {
-        let small = kind.name.contains("deg 8 px") || kind.family == Family::Ring(20);
+        let fine = kind.family == Family::Ring(20) && !kind.name.contains("deg 20 px");
+        let small = kind.name.contains("deg 8 px") || fine;
         kind.name.starts_with("clean") && !kind.name.contains("70 deg") && !small
     };
     for (name, tally) in run(clean, 60) {
         // A turn may be unlucky: a small oblique ring code has few pixels to spare.
-        assert!(tally.read >= 57, "{name}: {tally:?}");
+        assert!(tally.read >= 59, "{name}: {tally:?}");
     }
 }
 
@@ -50,9 +48,7 @@ fn rendered_six_dot_codes_get_no_wrong_number() {
 
 #[test]
 fn rings_partly_covered_or_beside_other_light_get_no_wrong_number() {
-    let rings = |kind: &Kind| {
-        kind.family == Family::Ring(12) && !CANNOT_BE_TOLD.contains(&kind.name.as_str())
-    };
+    let rings = |kind: &Kind| kind.family == Family::Ring(12);
     for (name, tally) in run(rings, 60) {
         assert_eq!(tally.wrong, 0, "{name}: {tally:?}");
     }

@@ -59,7 +59,7 @@ pub struct CodeReading {
 #[serde(default)]
 pub struct CodeEvidence {
     /// Misfit as a multiple of what is expected of the code (`dot420`: root of the weighted mean square, usually below 1.8) or
-    /// tolerated (rings: the cell of the ring that departs most from the picture that the number says, at most 1).
+    /// tolerated (rings: the part that departs most from the picture that the number says, at most 1).
     pub fit: f64,
     /// Lead over what would be another number. `dot420`: how many times worse than this one the next reading fits that
     /// shares dots with it; none where there is no other. Rings: least difference between a light and a dark segment, as a

@@ -27,8 +27,8 @@
 //! noise is that of independent pixels; what counts is the signal to noise of the whole dot, as of a filter matched to it
 //! (Turin, 1960), not that of a pixel.
 //!
-//! Ring codes are read in the frame that their dot's ellipse gives, corrected by the ring's own edges; the rule is to
-//! read a number rightly or to say why not.
+//! Ring codes are read by computing the picture of the whole code, blur and perspective included, from the frame that their dot's
+//! ellipse gives; the rule is to read a number rightly or to say why not.
 //!
 //! Invariant: pure functions of one picture; no orientation, no adjustment, the same digits on any number of threads.
 

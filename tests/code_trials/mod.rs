@@ -8,6 +8,7 @@
 pub(crate) mod picture;
 pub(crate) mod plane_view;
 pub(crate) mod rendered;
+pub(crate) mod ring_scene;
 pub(crate) mod rings;
 pub(crate) mod six_dots;
 
@@ -29,7 +30,9 @@ pub(crate) struct Tally {
     pub(crate) read: usize,
     /// Of those: right, but with a doubt.
     pub(crate) doubtful: usize,
-    /// Readings that are no code of the scene, without and with a doubt.
+    /// Wrong numbers without a doubt whose picture the scene shows: no reader can tell.
+    pub(crate) same_picture: usize,
+    /// Other readings that are no code of the scene, without and with a doubt.
     pub(crate) wrong: usize,
     pub(crate) wrong_doubtful: usize,
 }
@@ -62,6 +65,7 @@ impl Add for Tally {
             shown: self.shown + other.shown,
             read: self.read + other.read,
             doubtful: self.doubtful + other.doubtful,
+            same_picture: self.same_picture + other.same_picture,
             wrong: self.wrong + other.wrong,
             wrong_doubtful: self.wrong_doubtful + other.wrong_doubtful,
         }
@@ -124,12 +128,19 @@ pub(crate) fn kinds() -> Vec<Kind> {
     all
 }
 
-/// A number of the standard normal distribution (Box and Muller, 1958).
+/// A number of the standard normal distribution.
 pub(crate) fn normal(random: &mut ChaCha8Rng) -> f64 {
+    normals(random)[0]
+}
+
+/// Two independent numbers of the standard normal distribution (Box and Muller, 1958).
+pub(crate) fn normals(random: &mut ChaCha8Rng) -> [f64; 2] {
     use rand::RngExt as _;
     let (u, v): (f64, f64) = (
         random.random_range(1e-300..1.0),
         random.random_range(0.0..1.0),
     );
-    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+    let (sin, cos) = (std::f64::consts::TAU * v).sin_cos();
+    let size = (-2.0 * u.ln()).sqrt();
+    [size * cos, size * sin]
 }

@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
 
 /// From the target's plane (y up, units of the dot's radius) to pixels, and back.
+#[derive(Clone, Copy)]
 pub(crate) struct PlaneView {
     to_px: Matrix3<f64>,
     from_px: Matrix3<f64>,

@@ -5,7 +5,7 @@ use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 use tiepoint::targets::{DetectSettings, Detections, Dot, DotIndex, Family, detect};
 
-use super::picture::{Exposure, picture};
+use super::picture::{Exposure, Shade, picture};
 use super::plane_view::PlaneView;
 use super::six_dots::{DOT_MM, PITCH_MM, any_code, judge, thrown};
 use super::{Kind, Tally};
@@ -39,14 +39,17 @@ fn trial(
         .chain(others.iter().map(|place| place - middle))
         .collect();
     let light = random.random_range(100.0..200.0);
-    let grey = |px: Vector2<f64>| {
+    let shade = |px: Vector2<f64>| {
         let plane = view.plane(px);
         let lit = discs
             .iter()
-            .any(|disc| (plane - disc).norm_squared() < DOT_MM * DOT_MM / 4.0);
-        if lit { light } else { 12.0 }
+            .position(|disc| (plane - disc).norm_squared() < DOT_MM * DOT_MM / 4.0);
+        Shade {
+            part: lit.map_or(0, |disc| disc as u32 + 1),
+            grey: if lit.is_some() { light } else { 12.0 },
+        }
     };
-    let image = picture([side; 2], grey, &Exposure::default(), random);
+    let image = picture([side; 2], shade, &Exposure::default(), random);
     let found = detect(&image, &[Family::Dot420], &DetectSettings::default());
     if hidden > 0 {
         return judge(&found.codes, &[]);

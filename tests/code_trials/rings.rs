@@ -1,210 +1,14 @@
 //! Ring codes in small pictures: clean, covered, among other light, beside each other.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 use nalgebra::Vector2;
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
-use tiepoint::targets::{DetectSettings, Family, detect, ring_table};
+use tiepoint::targets::Family;
 
-use super::picture::{Exposure, picture};
-use super::plane_view::PlaneView;
+use super::ring_scene::{Cover, CoverShape, Light, Ring, Scene, Sector, view_at};
 use super::{Kind, Tally};
-
-/// Something before the targets, in the picture's pixels.
-struct Cover {
-    shape: CoverShape,
-    grey: f64,
-}
-
-enum CoverShape {
-    /// Everything farther than `offset` along `normal`.
-    Half {
-        normal: Vector2<f64>,
-        offset: f64,
-    },
-    /// A strip of this width.
-    Strip {
-        normal: Vector2<f64>,
-        offset: f64,
-        width: f64,
-    },
-    Disc {
-        middle: Vector2<f64>,
-        radius: f64,
-    },
-}
-
-impl CoverShape {
-    fn hides(&self, px: Vector2<f64>) -> bool {
-        match self {
-            Self::Half { normal, offset } => normal.dot(&px) > *offset,
-            Self::Strip {
-                normal,
-                offset,
-                width,
-            } => (0.0..*width).contains(&(normal.dot(&px) - offset)),
-            Self::Disc { middle, radius } => (px - middle).norm() < *radius,
-        }
-    }
-}
-
-/// A sector of a ring that is dark or light instead of what it should be: from `start`, `width` segments.
-struct Sector {
-    start: f64,
-    width: f64,
-    light: bool,
-}
-
-struct Ring {
-    view: PlaneView,
-    segments: u8,
-    bits: u32,
-    id: u32,
-    sector: Option<Sector>,
-}
-
-impl Ring {
-    fn any(segments: u8, view: PlaneView, random: &mut ChaCha8Rng) -> Self {
-        let table = ring_table(segments);
-        let index = random.random_range(0..table.len());
-        Self {
-            view,
-            segments,
-            bits: table[index],
-            id: index as u32 + 1,
-            sector: None,
-        }
-    }
-
-    /// Whether the target is light at a pixel.
-    fn is_light(&self, px: Vector2<f64>) -> bool {
-        let plane = self.view.plane(px);
-        let squared = plane.norm_squared();
-        if squared < 1.0 {
-            return true;
-        }
-        if !(4.0..9.0).contains(&squared) {
-            return false;
-        }
-        let count = u32::from(self.segments);
-        // Clockwise as seen, from the plane's x axis.
-        let turn = (-plane.y).atan2(plane.x).rem_euclid(TAU) / TAU * f64::from(count);
-        if let Some(sector) = &self.sector
-            && (turn - sector.start).rem_euclid(f64::from(count)) < sector.width
-        {
-            return sector.light;
-        }
-        let segment = (turn as u32).min(count - 1);
-        (self.bits >> (count - 1 - segment)) & 1 == 1
-    }
-}
-
-/// Grey values of ground and targets.
-#[derive(Clone, Copy)]
-struct Light {
-    ground: f64,
-    target: f64,
-}
-
-impl Light {
-    fn any(random: &mut ChaCha8Rng) -> Self {
-        Self {
-            ground: random.random_range(8.0..40.0),
-            target: random.random_range(100.0..220.0),
-        }
-    }
-}
-
-struct Scene {
-    size: [usize; 2],
-    rings: Vec<Ring>,
-    /// Light discs: middle and radius, px.
-    discs: Vec<(Vector2<f64>, f64)>,
-    covers: Vec<Cover>,
-    light: Light,
-}
-
-impl Scene {
-    /// One code in the middle of a picture that holds it with some room.
-    fn of_one(segments: u8, incidence_deg: f64, dot_px: f64, random: &mut ChaCha8Rng) -> Self {
-        let radius = dot_px / 2.0;
-        let side = ((8.0 * radius).ceil() as usize + 8).max(48);
-        let view = view_at(
-            Vector2::repeat(side as f64 / 2.0),
-            radius,
-            incidence_deg,
-            random,
-        );
-        Self {
-            size: [side; 2],
-            rings: vec![Ring::any(segments, view, random)],
-            discs: Vec::new(),
-            covers: Vec::new(),
-            light: Light::any(random),
-        }
-    }
-
-    fn trial(&self, random: &mut ChaCha8Rng) -> Tally {
-        let grey = |px: Vector2<f64>| {
-            if let Some(cover) = self.covers.iter().find(|cover| cover.shape.hides(px)) {
-                return cover.grey;
-            }
-            let light = self.rings.iter().any(|ring| ring.is_light(px))
-                || self
-                    .discs
-                    .iter()
-                    .any(|(m, r)| (px - m).norm_squared() < r * r);
-            if light {
-                self.light.target
-            } else {
-                self.light.ground
-            }
-        };
-        let image = picture(self.size, grey, &Exposure::default(), random);
-        let families = [Family::Ring(self.rings[0].segments)];
-        let found = detect(&image, &families, &DetectSettings::default());
-        let mut tally = Tally {
-            shown: self.rings.len(),
-            ..Tally::default()
-        };
-        for code in &found.codes {
-            let centre = found.dots[code.dots[0].slot()].centre_px;
-            let right = self
-                .rings
-                .iter()
-                .any(|ring| ring.id == code.id && ring.view.plane(centre).norm() < 0.5);
-            let counter = match (right, &code.doubt) {
-                (true, None) => &mut tally.read,
-                (true, Some(_)) => &mut tally.doubtful,
-                (false, None) => &mut tally.wrong,
-                (false, Some(_)) => &mut tally.wrong_doubtful,
-            };
-            *counter += 1;
-        }
-        tally
-    }
-}
-
-fn view_at(
-    middle: Vector2<f64>,
-    radius: f64,
-    incidence_deg: f64,
-    random: &mut ChaCha8Rng,
-) -> PlaneView {
-    let off = Vector2::new(random.random_range(0.0..1.0), random.random_range(0.0..1.0));
-    let angles = [
-        random.random_range(0.0..TAU),
-        incidence_deg.to_radians(),
-        random.random_range(0.0..PI),
-    ];
-    PlaneView::new(
-        middle + off,
-        radius,
-        angles,
-        random.random_range(120.0..400.0),
-    )
-}
 
 /// A code at an incidence up to 60 degrees, its dot 9 to 16 px across; larger by half for twenty segments.
 fn of_any(segments: u8, random: &mut ChaCha8Rng) -> (Scene, f64) {
@@ -318,9 +122,9 @@ pub(crate) fn kinds(segments: u8) -> Vec<Kind> {
     let family = Family::Ring(segments);
     let mut kinds = Vec::new();
     let sizes = if segments == 20 {
-        [12.0, 20.0]
+        [10.0, 12.0, 14.0, 20.0]
     } else {
-        [8.0, 12.0]
+        [8.0, 10.0, 12.0, 14.0]
     };
     for dot_px in sizes {
         for incidence in [0.0, 20.0, 40.0, 60.0, 70.0] {

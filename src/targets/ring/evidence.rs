@@ -1,298 +1,197 @@
 //! A ring code that was read against the picture: does every part of it look as the number says?
 //!
 //! A cover over two segments can turn a number into another valid one, and parity does not see it. But the code's picture is
-//! known once its number is: dark ground, light segments with blurred straight borders. The share of light expected at
-//! radius q (in radii of the dot) and direction a is `R(q) A(a, q)` with `R = Phi((q - 2) / b) - Phi((q - 3) / b)` and
-//! `A` the same of the borders of the light runs, b the blur across the edge in the same unit. The picture is compared with
-//! it cell by cell, a quarter of a segment wide. What a cover leaves behind (a border off the grid or not along a radius, a
-//! segment cut at its inner or outer edge, a grey level that is neither the ground's nor the code's) departs. The dark part of
-//! a segment is also looked at as a whole, where a slight difference in grey shows.
+//! known once its number is ([`super::sketch`]), and what a cover leaves behind departs from it: a border off the grid or not
+//! along a radius, a segment cut at its inner or outer edge, a grey level that is neither the ground's nor the code's.
+//! Three things are looked at:
+//! - the difference in the mean of three by three pixels, the size of the blur: it may be as large as film and print are uneven
+//!   and the noise is strong;
+//! - the borders between light and dark segments: how far along the ring each one is from the grid, by least squares over its pixels;
+//! - the levels of whole segments, which show slighter differences in grey.
 //!
-//! What cannot be told: a cover of the ground's own grey whose borders lie in dark segments, or exactly on the grid.
+//! What cannot be told: a cover of the ground's own grey whose borders lie in dark segments or on the grid leaves the picture of
+//! another number.
 
-use std::f64::consts::PI;
+use nalgebra::{Matrix2, Vector2};
 
-use nalgebra::{SMatrix, SVector, Vector2};
-use statrs::function::erf::erf;
+use super::first_look::MIDDLE;
+use super::fitting::{Fitted, shown};
+use super::frame::RingFrame;
+use super::patch::{Patch, middle};
 
-use super::{DIRECTIONS, Pattern, RingFrame, direction, share};
-use crate::targets::dot::{MeasuredDot, View};
-
-/// Bands of radii, in radii of the dot: the gap, the ring in three parts, its outer edge.
-const BANDS: [[f64; 2]; 5] = [
-    [1.45, 1.7],
-    [2.0, 2.35],
-    [2.35, 2.65],
-    [2.65, 3.0],
-    [3.0, 3.25],
-];
-/// Samples across a band.
-const ACROSS: usize = 3;
-/// Cells a segment.
-const CELLS: usize = 4;
-/// Largest error of the frame, px: it shows at the edges.
-const FRAME_PX: f64 = 0.3;
-/// The same as a share of the dot's radius.
-const FRAME_SHARE: f64 = 0.02;
+/// Largest error of the frame, pixels of the patch: it shows at the edges.
+const FRAME_PX: f64 = 0.12;
+/// How far the border of two segments may be from where it should be, pixels of the patch.
+const BORDER_PX: f64 = 0.2;
 /// Unevenness of what is dark, as a share of the contrast.
-const DARK: f64 = 0.04;
-/// The same as the mean of a segment's dark parts.
-const DARK_SEGMENT: f64 = 0.025;
-/// Below this expected share a part counts as dark.
-const NEARLY_DARK: f64 = 0.05;
-/// Unevenness of what is light: retro-reflective film, print.
+const DARK: f64 = 0.05;
+/// The same as the level of a whole dark segment.
+const DARK_SEGMENT: f64 = 0.03;
+/// How far the level of a whole light segment may be from the others'.
+const LIGHT_SEGMENT: f64 = 0.25;
+/// Unevenness of what is light within a segment: retro-reflective film, print.
 const LIGHT: f64 = 0.12;
-/// What the model errs by where the ring is narrow: this many times the square of the blur in radii of the dot.
-const NARROW: f64 = 0.5;
-/// Noise that a cell may show, in standard deviations.
-const NOISE_SIGMAS: f64 = 4.0;
-/// Variance that sampling between pixels adds to the blur, px^2.
-const SAMPLING_PX2: f64 = 0.16;
+/// Unevenness of single pixels.
+const UNEVEN: f64 = 0.02;
+/// Noise that may be seen, in standard deviations.
+const NOISE_SIGMAS: f64 = 5.0;
 
 /// How a ring code compares with the picture that its number says.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct RingEvidence {
-    /// Largest departure of a cell as a multiple of what is tolerated.
+    /// Largest departure as a multiple of what is tolerated.
     pub(super) departure: f64,
-    /// Segments with a cell that departs by more than is tolerated.
+    /// Segments with a part that departs by more than is tolerated.
     pub(super) departing_segments: u32,
+    /// Root mean square difference over the code, as a share of the contrast.
+    pub(super) misfit: f64,
 }
 
-/// A sample of the ring.
-struct Sample {
-    segment: usize,
-    cell: usize,
-    expected: f64,
-    /// Change of the expected share with a shift of a pixel.
-    per_px: f64,
-    /// Blur across the ring, in radii of the dot.
-    blur: f64,
-    found: f64,
-    place: Vector2<f64>,
-}
-
-impl Sample {
-    /// The row of a plane's unknowns: mean, slopes by radii of the dot.
-    fn row(&self) -> SVector<f64, 3> {
-        SVector::<f64, 3>::new(1.0, self.place.x, self.place.y)
-    }
-
-    fn above(&self, ground: &SVector<f64, 3>) -> f64 {
-        self.found - ground.dot(&self.row())
-    }
-}
-
-/// Sums over the samples of a cell.
+/// Difference of a pixel.
 #[derive(Clone, Copy, Default)]
-struct Sum {
-    /// Found less expected.
+struct Off {
     off: f64,
-    expected: f64,
-    per_px: f64,
-    /// Squares of the blur.
-    blurs: f64,
+    tolerated: f64,
     count: f64,
 }
 
-impl Sum {
-    fn add(&mut self, sample: &Sample, off: f64) {
-        self.off += off;
-        self.expected += sample.expected;
-        self.per_px += sample.per_px;
-        self.blurs += sample.blur * sample.blur;
-        self.count += 1.0;
-    }
-
-    /// The mean that one of the sums makes; 0 in an empty cell.
-    fn mean(&self, sum: f64) -> f64 {
-        sum / self.count.max(1.0)
-    }
+/// Where a pixel lies in the code.
+struct Place {
+    /// In radii of the dot, perspective left out.
+    affine: Vector2<f64>,
+    /// Direction as a share of the turn.
+    turn: f64,
 }
 
-/// Compares the picture with the pattern; `light` is the light level by direction: mean, cosine, sine. `None` where the
-/// code reaches beyond the picture.
-pub(super) fn ring_evidence(
-    view: &View,
-    dot: &MeasuredDot,
-    frame: &RingFrame,
-    pattern: &Pattern,
-    light: &SVector<f64, 3>,
-) -> Option<RingEvidence> {
-    let samples = sampled(view, dot, frame, pattern, light)?;
-    let ground = ground(&samples)?;
-    let level = level(&samples, &ground)?;
-    let segments = usize::from(pattern.segments);
-    let cells = CELLS * BANDS.len();
-    let mut sums = vec![Sum::default(); segments * cells];
-    let mut dark = vec![Sum::default(); segments];
-    for sample in &samples {
-        let off = sample.above(&ground) / level - sample.expected;
-        sums[sample.segment * cells + sample.cell].add(sample, off);
-        if sample.expected < NEARLY_DARK {
-            dark[sample.segment].add(sample, off);
-        }
-    }
-    let radius_px = frame.map.determinant().abs().sqrt();
-    let frame_px = FRAME_PX + FRAME_SHARE * radius_px;
-    let noise = NOISE_SIGMAS * view.noise / (dot.dot.contrast * light[0] * level);
-    let noise_of = |pixels: f64| noise / pixels.max(1.0).sqrt();
-    let pixels_per_sample = pixels_per_sample(radius_px);
-    let mut evidence = RingEvidence {
-        departure: 0.0,
-        departing_segments: 0,
-    };
-    for (cells_of_segment, dark) in sums.chunks(cells).zip(&dark) {
-        let tolerated = DARK_SEGMENT
-            + NARROW * dark.mean(dark.blurs)
-            + noise_of(dark.count * pixels_per_sample);
-        let mut largest = dark.mean(dark.off).abs() / tolerated;
-        for (cell, sum) in cells_of_segment.iter().enumerate() {
-            let [low, high] = BANDS[cell / CELLS];
-            let area = (high * high - low * low) * PI / (segments * CELLS) as f64;
-            let tolerated = DARK
-                + (LIGHT - DARK) * sum.mean(sum.expected)
-                + frame_px * sum.mean(sum.per_px)
-                + NARROW * sum.mean(sum.blurs)
-                + noise_of(area * radius_px * radius_px);
-            largest = largest.max(sum.mean(sum.off).abs() / tolerated);
-        }
-        evidence.departure = evidence.departure.max(largest);
-        evidence.departing_segments += u32::from(largest > 1.0);
-    }
-    Some(evidence)
-}
-
-/// How many pixels a sample stands for, on the average of the bands.
-fn pixels_per_sample(radius_px: f64) -> f64 {
-    let area: f64 = BANDS
-        .iter()
-        .map(|[low, high]| high * high - low * low)
-        .sum();
-    let samples = (DIRECTIONS / 2 * BANDS.len() * ACROSS) as f64;
-    PI * area * radius_px * radius_px / samples
-}
-
-/// The samples of all bands, their light divided by the light level.
-fn sampled(
-    view: &View,
-    dot: &MeasuredDot,
-    frame: &RingFrame,
-    pattern: &Pattern,
-    light: &SVector<f64, 3>,
-) -> Option<Vec<Sample>> {
-    let back = frame.map.try_inverse()?.transpose();
-    let blur_px = (dot.blur * dot.blur + SAMPLING_PX2).sqrt();
-    let n = f64::from(pattern.segments);
-    let borders = Borders::of(pattern);
-    let mut samples = Vec::with_capacity(DIRECTIONS / 2 * BANDS.len() * ACROSS);
-    for index in (0..DIRECTIONS).step_by(2) {
-        let direction = direction(index);
-        let (sin, cos) = direction.sin_cos();
-        let level = light
-            .dot(&SVector::<f64, 3>::new(1.0, cos, sin))
-            .max(0.25 * light[0]);
-        // A shift of a pixel across an edge with this normal, in radii of the dot.
-        let radial = (back * Vector2::new(cos, sin)).norm();
-        let tangential = (back * Vector2::new(-sin, cos)).norm();
-        let turn = (direction / std::f64::consts::TAU * n - pattern.grid).rem_euclid(n);
-        let segment = (turn as usize).min(usize::from(pattern.segments) - 1);
-        let quarter = (((turn - segment as f64) * CELLS as f64) as usize).min(CELLS - 1);
-        for (band, [low, high]) in BANDS.iter().enumerate() {
-            for k in 0..ACROSS {
-                let radius = low + (high - low) * (k as f64 + 0.5) / ACROSS as f64;
-                let place = Vector2::new(cos, sin) * radius;
-                let found = share(view, dot, frame.place(direction, radius))? / level;
-                let b = blur_px * radial;
-                let across = below((radius - 2.0) / b) - below((radius - 3.0) / b);
-                let per_segment = radius * std::f64::consts::TAU / n;
-                let along = borders.light(turn, per_segment / (blur_px * tangential));
-                let both = |share: f64| 1.6 * share * (1.0 - share) / blur_px;
-                samples.push(Sample {
-                    segment,
-                    cell: band * CELLS + quarter,
-                    expected: across * along,
-                    blur: b,
-                    per_px: (both(across) * along).max(both(along) * across),
-                    found,
-                    place,
-                });
-            }
-        }
-    }
-    Some(samples)
-}
-
-/// The runs of a pattern.
-struct Borders {
-    bits: Vec<bool>,
-}
-
-impl Borders {
-    fn of(pattern: &Pattern) -> Self {
-        let bit = |k: u8| (pattern.bits >> (pattern.segments - 1 - k)) & 1 == 1;
+impl Place {
+    fn of(frame: &RingFrame, back: &Matrix2<f64>, column: usize, row: usize) -> Self {
+        let affine = back * (middle(column, row) - frame.centre);
         Self {
-            bits: (0..pattern.segments).map(bit).collect(),
+            affine,
+            turn: (affine.y.atan2(affine.x) / std::f64::consts::TAU).rem_euclid(1.0),
         }
     }
 
-    /// The expected share of light at a place (in segments), where a segment is `sharpness` blurs wide.
-    fn light(&self, turn: f64, sharpness: f64) -> f64 {
-        let count = self.bits.len();
-        let segment = (turn as usize).min(count - 1);
-        let here = self.bits[segment];
-        let same = |step: usize| {
-            (1..count)
-                .take_while(|n| self.bits[(segment + n * step) % count] == here)
-                .count() as f64
-        };
-        let within = turn - segment as f64;
-        let ahead = (same(1) + 1.0 - within) * sharpness;
-        let behind = (same(count - 1) + within) * sharpness;
-        // From either side of the run comes the other kind of light.
-        let other = below(-ahead) + below(-behind);
-        if here { 1.0 - other } else { other }
+    fn segment(&self, segments: usize) -> usize {
+        ((self.turn * segments as f64) as usize).min(segments - 1)
+    }
+
+    /// The border with this number begins the segment with the same.
+    fn nearest_border(&self, segments: usize) -> usize {
+        (self.turn * segments as f64).round() as usize % segments
     }
 }
 
-fn below(z: f64) -> f64 {
-    0.5 * (1.0 + erf(z * std::f64::consts::FRAC_1_SQRT_2))
+/// How far the border between two segments is from where it should be, by least squares.
+#[derive(Clone, Copy, Default)]
+struct Border {
+    product: f64,
+    square: f64,
 }
 
-/// The light above the ground where the code is wholly light: the median of what the lighter samples say, because a narrow
-/// ring never is wholly light in the picture.
-fn level(samples: &[Sample], ground: &SVector<f64, 3>) -> Option<f64> {
-    let lighter = samples.iter().filter(|s| s.expected > 0.6);
-    let mut levels: Vec<f64> = lighter.map(|s| s.above(ground) / s.expected).collect();
-    levels.sort_by(f64::total_cmp);
-    levels
-        .get(levels.len() / 2)
-        .copied()
-        .filter(|&level| level > 0.1)
+impl Border {
+    fn add(&mut self, off: f64, by: f64) {
+        self.product += off * by;
+        self.square += by * by;
+    }
+
+    /// Radians.
+    fn shift(&self) -> f64 {
+        self.product / self.square.max(f64::MIN_POSITIVE)
+    }
+
+    /// Standard deviation from noise, radians.
+    fn sigma(&self, noise: f64) -> f64 {
+        noise / self.square.max(f64::MIN_POSITIVE).sqrt()
+    }
 }
 
-/// The ground as a plane (mean, slopes by radii of the dot) through the samples where the code is dark; what departs from
-/// the others loses its say.
-fn ground(samples: &[Sample]) -> Option<SVector<f64, 3>> {
-    const ALL_DARK: f64 = 0.02;
-    const STEPS: usize = 4;
-    let dark: Vec<&Sample> = samples.iter().filter(|s| s.expected < ALL_DARK).collect();
-    let mut found: Vec<f64> = dark.iter().map(|s| s.found).collect();
-    found.sort_by(f64::total_cmp);
-    let mut plane = SVector::<f64, 3>::new(*found.get(found.len() / 2)?, 0.0, 0.0);
-    for _ in 0..STEPS {
-        let mut sizes: Vec<f64> = dark.iter().map(|s| s.above(&plane).abs()).collect();
-        sizes.sort_by(f64::total_cmp);
-        let scale = (1.5 * sizes[sizes.len() / 2]).max(1e-4);
-        let mut normal = SMatrix::<f64, 3, 3>::identity();
-        normal[(0, 0)] = 1e-6;
-        let mut right = SVector::<f64, 3>::zeros();
-        for sample in &dark {
-            let weight = (1.0 + (sample.above(&plane) / (2.0 * scale)).powi(2)).powi(-2);
-            let row = sample.row();
-            normal += row * row.transpose() * weight;
-            right += row * (sample.found * weight);
+/// Compares the picture with the fitted code.
+pub(super) fn ring_evidence(patch: &Patch, fitted: &Fitted) -> Option<RingEvidence> {
+    let scene = &fitted.scene;
+    let frame = &scene.frame;
+    let back = frame.map.try_inverse()?;
+    let mut offs = vec![Off::default(); patch.columns * patch.rows];
+    let (mut squares, mut count) = (0.0, 0.0);
+    let mut borders = vec![Border::default(); fitted.bits.len()];
+    scene.compare(
+        patch,
+        &fitted.sketch,
+        &shown(&fitted.shares),
+        |column, row, grey, seen| {
+            let light = seen.light.max(0.25 * scene.light[0]);
+            let share = seen.ring.value + seen.dot.value;
+            let slope = (seen.ring.slope + scene.dot_light * seen.dot.slope).norm();
+            let off = (grey - seen.grey) / light;
+            offs[row * patch.columns + column] = Off {
+                off,
+                tolerated: (DARK + (LIGHT - DARK) * (2.0 * share).min(1.0)).max(FRAME_PX * slope),
+                count: 1.0,
+            };
+            let place = Place::of(frame, &back, column, row);
+            // The picture as a border goes forward by a radian.
+            let turned = frame.map * Vector2::new(-place.affine.y, place.affine.x);
+            borders[place.nearest_border(fitted.bits.len())]
+                .add(grey - seen.grey, -seen.light * seen.ring.slope.dot(&turned));
+            squares += off * off;
+            count += 1.0;
+        },
+    );
+    let noise = NOISE_SIGMAS * patch.noise / scene.light[0];
+    // What is uneven round a narrow segment is taken for its level as noise is.
+    let uneven = f64::hypot(
+        1.0,
+        UNEVEN * scene.light[0] / patch.noise.max(f64::MIN_POSITIVE),
+    );
+    let mut departures: Vec<f64> = fitted
+        .shares
+        .iter()
+        .zip(&fitted.bits)
+        .zip(&fitted.sigmas)
+        .map(|((share, &light), sigma)| {
+            let (level, even) = if light {
+                (1.0, LIGHT_SEGMENT)
+            } else {
+                (0.0, DARK_SEGMENT)
+            };
+            (share - level).abs() / f64::hypot(even, NOISE_SIGMAS * uneven * sigma)
+        })
+        .collect();
+    for (index, border) in borders.iter().enumerate() {
+        let behind = (index + departures.len() - 1) % departures.len();
+        if fitted.bits[index] == fitted.bits[behind] {
+            continue;
         }
-        plane = normal.cholesky()?.solve(&right);
+        let angle = std::f64::consts::TAU * index as f64 / departures.len() as f64;
+        let px = MIDDLE * (frame.map * Vector2::new(-angle.sin(), angle.cos())).norm();
+        let departure = px * border.shift().abs()
+            / f64::hypot(BORDER_PX, NOISE_SIGMAS * px * border.sigma(patch.noise));
+        departures[index] = departures[index].max(departure);
     }
-    Some(plane)
+    for (column, row, _) in patch.pixels() {
+        let sum = around(&offs, patch, column, row);
+        let departure = sum.off.abs() / sum.tolerated.hypot(noise * sum.count.sqrt());
+        let place = Place::of(frame, &back, column, row);
+        let largest = &mut departures[place.segment(fitted.bits.len())];
+        *largest = largest.max(departure);
+    }
+    Some(RingEvidence {
+        departure: departures.iter().copied().fold(0.0, f64::max),
+        departing_segments: departures.iter().filter(|&&d| d > 1.0).count() as u32,
+        misfit: (squares / f64::max(count, 1.0)).sqrt(),
+    })
+}
+
+/// The sums over a pixel and its neighbours.
+fn around(offs: &[Off], patch: &Patch, column: usize, row: usize) -> Off {
+    let mut sum = Off::default();
+    for line in row.saturating_sub(1)..(row + 2).min(patch.rows) {
+        for place in column.saturating_sub(1)..(column + 2).min(patch.columns) {
+            let off = &offs[line * patch.columns + place];
+            sum.off += off.off;
+            sum.tolerated += off.tolerated;
+            sum.count += off.count;
+        }
+    }
+    sum
 }

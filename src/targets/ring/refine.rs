@@ -1,0 +1,195 @@
+//! The frame, the grey values and the blur of a code whose segments are known, from all of its pixels: Gauss-Newton steps.
+//!
+//! A feature of the picture moves with the frame, so the derivative by a parameter of the frame is the slope of the
+//! computed picture against that motion; the one by the blur is the blur times the Laplacian (the heat equation).
+
+use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
+
+use super::frame::RingFrame;
+use super::levels::away;
+use super::patch::{Patch, middle};
+use super::sketch::{Jet, Sketch};
+
+/// All that the picture of a code depends on but its bits.
+#[derive(Clone, Debug)]
+pub(super) struct Scene {
+    pub(super) frame: RingFrame,
+    /// Radius of the dot against that of the frame: 1 but for print and light.
+    pub(super) dot_radius: f64,
+    /// Standard deviation of the blur, pixels of the patch.
+    pub(super) blur: f64,
+    /// Ground at the middle of the patch, grey values, and its slopes per pixel.
+    pub(super) ground: [f64; 3],
+    /// Light above the ground, likewise.
+    pub(super) light: [f64; 3],
+    /// How light the dot is against the ring.
+    pub(super) dot_light: f64,
+}
+
+fn plane([level, along_x, along_y]: [f64; 3], away: Vector2<f64>) -> f64 {
+    level + along_x * away.x + along_y * away.y
+}
+
+/// The computed picture at a pixel.
+pub(super) struct Seen {
+    pub(super) dot: Jet,
+    pub(super) ring: Jet,
+    /// Light at the pixel, grey values.
+    pub(super) light: f64,
+    /// Grey value.
+    pub(super) grey: f64,
+}
+
+impl Scene {
+    /// The picture with segments as light as these shares: calls `see` with column, row, grey value and the computed picture at every pixel of the code; the sketch is of this scene.
+    pub(super) fn compare(
+        &self,
+        patch: &Patch,
+        sketch: &Sketch,
+        shares: &[f32],
+        mut see: impl FnMut(usize, usize, f64, &Seen),
+    ) {
+        let (dot, ring) = (sketch.dot(), sketch.ring(shares));
+        for (column, row, grey) in patch.pixels() {
+            let away = away(patch, column, row);
+            let light = plane(self.light, away);
+            let (dot, ring) = (dot.jet(column, row), ring.jet(column, row));
+            let share = ring.value + self.dot_light * dot.value;
+            let seen = Seen {
+                dot,
+                ring,
+                light,
+                grey: plane(self.ground, away) + light * share,
+            };
+            see(column, row, grey, &seen);
+        }
+    }
+
+    /// The scene drawn.
+    pub(super) fn sketch(&self, patch: &Patch, segments: u8) -> Option<Sketch> {
+        Sketch::new(patch, &self.frame, segments, self.dot_radius, self.blur)
+    }
+}
+
+const UNKNOWNS: usize = 17;
+
+/// A scene and how far the last step moved the ring in it, pixels.
+pub(super) struct Step {
+    pub(super) scene: Scene,
+    pub(super) moved: f64,
+}
+
+/// One step; `None` where it cannot be made or leads astray.
+pub(super) fn step(patch: &Patch, sketch: &Sketch, shares: &[f32], scene: &Scene) -> Option<Step> {
+    /// Unevenness of film and print, as a share of the contrast.
+    const UNEVEN: f64 = 0.03;
+    /// What departs by more than so many sigmas loses its say.
+    const SIGMAS: f64 = 3.0;
+    /// Standard deviations of what is known before: the perspective per radius, dot's radius, blur as a share of itself, slope of the
+    /// light across the code, light of the dot.
+    const TILT: f64 = 0.02;
+    const DOT_RADIUS: f64 = 0.03;
+    const BLUR: f64 = 0.3;
+    const SLOPE: f64 = 0.3;
+    const DOT_LIGHT: f64 = 0.3;
+    let variance = patch.noise.powi(2) + (UNEVEN * scene.light[0]).powi(2);
+    let mut normal = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
+    let mut right = SVector::<f64, UNKNOWNS>::zeros();
+    let frame = &scene.frame;
+    let back = frame.map.try_inverse()?;
+    scene.compare(patch, sketch, shares, |column, row, grey, seen| {
+        let off = grey - seen.grey;
+        let affine = back * (middle(column, row) - frame.centre);
+        let scale = 1.0 / (1.0 - frame.tilt.dot(&affine));
+        let at = affine * scale;
+        // What the frame's parameters move is map q / (1 + tilt q); 1 / (1 + tilt q) = 1 / scale.
+        let shrunk = at / scale;
+        let slope = -seen.light * (seen.ring.slope + scene.dot_light * seen.dot.slope);
+        let tilted = -(frame.map * at).dot(&slope) / (scale * scale);
+        let share = seen.ring.value + scene.dot_light * seen.dot.value;
+        let spread = seen.ring.laplacian + scene.dot_light * seen.dot.laplacian;
+        let away = away(patch, column, row);
+        let by = SVector::<f64, UNKNOWNS>::from([
+            slope.x,
+            slope.y,
+            slope.x * shrunk.x,
+            slope.x * shrunk.y,
+            slope.y * shrunk.x,
+            slope.y * shrunk.y,
+            tilted * at.x,
+            tilted * at.y,
+            -seen.light * scene.dot_light * seen.dot.slope.dot(&(frame.map * shrunk)),
+            seen.light * scene.blur * spread,
+            1.0,
+            away.x,
+            away.y,
+            share,
+            share * away.x,
+            share * away.y,
+            seen.light * seen.dot.value,
+        ]);
+        let weight = 1.0 / (variance + off * off / (SIGMAS * SIGMAS));
+        normal.syger(weight, &by, &by, 1.0);
+        right.axpy(weight * off, &by, 1.0);
+    });
+    normal.fill_upper_triangle_with_lower_triangle();
+    let mut hold = |unknown: usize, from: f64, sigma: f64| {
+        let weight = sigma.powi(-2);
+        normal[(unknown, unknown)] += weight;
+        right[unknown] -= weight * from;
+    };
+    let reach = 0.5 * (patch.columns.max(patch.rows) as f64);
+    let sloping = SLOPE * scene.light[0] / reach;
+    hold(6, frame.tilt.x, TILT);
+    hold(7, frame.tilt.y, TILT);
+    hold(8, scene.dot_radius - 1.0, DOT_RADIUS);
+    hold(9, scene.blur - patch.blur, BLUR * patch.blur);
+    hold(11, scene.ground[1], sloping);
+    hold(12, scene.ground[2], sloping);
+    hold(14, scene.light[1], sloping);
+    hold(15, scene.light[2], sloping);
+    hold(16, scene.dot_light - 1.0, DOT_LIGHT);
+    let by = normal.cholesky()?.solve(&right);
+    let next = Scene {
+        frame: RingFrame {
+            centre: frame.centre + Vector2::new(by[0], by[1]),
+            map: frame.map + Matrix2::new(by[2], by[3], by[4], by[5]),
+            tilt: frame.tilt + Vector2::new(by[6], by[7]),
+        },
+        dot_radius: scene.dot_radius + by[8],
+        blur: scene.blur + by[9],
+        ground: std::array::from_fn(|k| scene.ground[k] + by[10 + k]),
+        light: std::array::from_fn(|k| scene.light[k] + by[13 + k]),
+        dot_light: scene.dot_light + by[16],
+    };
+    // At the ring's outer edge the map acts over three radii of the dot, the perspective over the square of that.
+    let turned = 3.0 * by.fixed_rows::<4>(2).norm();
+    let tilted = 9.0 * by.fixed_rows::<2>(6).norm() * frame.map.norm();
+    let moved = by.fixed_rows::<2>(0).norm() + turned + tilted;
+    next.is_plausible(patch)
+        .then_some(Step { scene: next, moved })
+}
+
+impl Scene {
+    /// How far perspective, print and blur had to be stretched to make the picture a code's, as a multiple of what happens.
+    pub(super) fn strain(&self, patch: &Patch) -> f64 {
+        /// A code of 120 radii away at 70 degrees has 0.008, a lens adds as much.
+        const TILT: f64 = 0.03;
+        const DOT_RADIUS: f64 = 0.06;
+        const BLUR: f64 = 0.3;
+        let strains = [
+            self.frame.tilt.norm() / TILT,
+            (self.dot_radius - 1.0).abs() / DOT_RADIUS,
+            (self.blur / patch.blur).ln().abs() / BLUR,
+        ];
+        strains.into_iter().fold(0.0, f64::max)
+    }
+
+    fn is_plausible(&self, patch: &Patch) -> bool {
+        self.frame.tilt.norm() < 0.15
+            && (0.8..1.25).contains(&self.dot_radius)
+            && (0.4..2.0).contains(&(self.blur / patch.blur))
+            && self.light[0] > 0.0
+            && self.frame.map.determinant() > 0.0
+    }
+}

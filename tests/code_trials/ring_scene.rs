@@ -1,0 +1,298 @@
+//! What a trial of ring codes shows: codes, and what lies over and beside them; and what detection made of it.
+
+use std::f64::consts::{PI, TAU};
+
+use nalgebra::Vector2;
+use rand::RngExt as _;
+use rand_chacha::ChaCha8Rng;
+use tiepoint::targets::{DetectSettings, Family, detect, ring_table};
+
+use super::Tally;
+use super::picture::{Exposure, Shade, developed, still};
+use super::plane_view::PlaneView;
+
+/// Something before the targets, in the picture's pixels.
+pub(super) struct Cover {
+    pub(super) shape: CoverShape,
+    pub(super) grey: f64,
+}
+
+pub(super) enum CoverShape {
+    /// Everything farther than `offset` along `normal`.
+    Half {
+        normal: Vector2<f64>,
+        offset: f64,
+    },
+    /// A strip of this width.
+    Strip {
+        normal: Vector2<f64>,
+        offset: f64,
+        width: f64,
+    },
+    Disc {
+        middle: Vector2<f64>,
+        radius: f64,
+    },
+}
+
+impl CoverShape {
+    fn hides(&self, px: Vector2<f64>) -> bool {
+        match self {
+            Self::Half { normal, offset } => normal.dot(&px) > *offset,
+            Self::Strip {
+                normal,
+                offset,
+                width,
+            } => (0.0..*width).contains(&(normal.dot(&px) - offset)),
+            Self::Disc { middle, radius } => (px - middle).norm() < *radius,
+        }
+    }
+}
+
+/// A sector of a ring that is dark or light instead of what it should be: from `start`, `width` segments.
+#[derive(Clone, Copy)]
+pub(super) struct Sector {
+    pub(super) start: f64,
+    pub(super) width: f64,
+    pub(super) light: bool,
+}
+
+#[derive(Clone)]
+pub(super) struct Ring {
+    pub(super) view: PlaneView,
+    pub(super) segments: u8,
+    pub(super) bits: u32,
+    pub(super) id: u32,
+    pub(super) sector: Option<Sector>,
+}
+
+impl Ring {
+    pub(super) fn any(segments: u8, view: PlaneView, random: &mut ChaCha8Rng) -> Self {
+        let table = ring_table(segments);
+        let index = random.random_range(0..table.len());
+        Self {
+            view,
+            segments,
+            bits: table[index],
+            id: index as u32 + 1,
+            sector: None,
+        }
+    }
+
+    /// Which part of the target is seen at a pixel, from 1, and whether it is light; `None` on the ground round it.
+    fn part(&self, px: Vector2<f64>) -> Option<(u32, bool)> {
+        let plane = self.view.plane(px);
+        let squared = plane.norm_squared();
+        if squared < 1.0 {
+            return Some((1, true));
+        }
+        if !(4.0..9.0).contains(&squared) {
+            return None;
+        }
+        let count = u32::from(self.segments);
+        // Clockwise as seen, from the plane's x axis.
+        let turn = (-plane.y).atan2(plane.x).rem_euclid(TAU) / TAU * f64::from(count);
+        let segment = (turn as u32).min(count - 1);
+        if let Some(sector) = &self.sector
+            && (turn - sector.start).rem_euclid(f64::from(count)) < sector.width
+        {
+            return Some((2 + count + segment, sector.light));
+        }
+        let light = (self.bits >> (count - 1 - segment)) & 1 == 1;
+        Some((2 + segment, light))
+    }
+}
+
+/// Grey values of ground and targets.
+#[derive(Clone, Copy)]
+pub(super) struct Light {
+    pub(super) ground: f64,
+    pub(super) target: f64,
+}
+
+impl Light {
+    pub(super) fn any(random: &mut ChaCha8Rng) -> Self {
+        Self {
+            ground: random.random_range(8.0..40.0),
+            target: random.random_range(100.0..220.0),
+        }
+    }
+}
+
+pub(super) struct Scene {
+    pub(super) size: [usize; 2],
+    pub(super) rings: Vec<Ring>,
+    /// Light discs: middle and radius, px.
+    pub(super) discs: Vec<(Vector2<f64>, f64)>,
+    pub(super) covers: Vec<Cover>,
+    pub(super) light: Light,
+}
+
+impl Scene {
+    /// One code in the middle of a picture that holds it with some room.
+    pub(super) fn of_one(
+        segments: u8,
+        incidence_deg: f64,
+        dot_px: f64,
+        random: &mut ChaCha8Rng,
+    ) -> Self {
+        let radius = dot_px / 2.0;
+        let side = ((8.0 * radius).ceil() as usize + 8).max(48);
+        let view = view_at(
+            Vector2::repeat(side as f64 / 2.0),
+            radius,
+            incidence_deg,
+            random,
+        );
+        Self {
+            size: [side; 2],
+            rings: vec![Ring::any(segments, view, random)],
+            discs: Vec::new(),
+            covers: Vec::new(),
+            light: Light::any(random),
+        }
+    }
+
+    fn shade(&self, px: Vector2<f64>) -> Shade {
+        /// More than a ring has parts.
+        const PARTS: u32 = 100;
+        if let Some(cover) = self.covers.iter().find(|cover| cover.shape.hides(px)) {
+            return Shade {
+                part: 1,
+                grey: cover.grey,
+            };
+        }
+        let grey = |light| {
+            if light {
+                self.light.target
+            } else {
+                self.light.ground
+            }
+        };
+        let discs = self.discs.iter();
+        let disc = discs
+            .zip(2..)
+            .find(|((m, r), _)| (px - m).norm_squared() < r * r);
+        if let Some((_, part)) = disc {
+            return Shade {
+                part,
+                grey: grey(true),
+            };
+        }
+        let rings = self.rings.iter().zip(1..);
+        let seen = rings
+            .filter_map(|(ring, k)| ring.part(px).map(|(part, light)| (k * PARTS + part, light)))
+            .next();
+        let (part, light) = seen.unwrap_or((0, false));
+        Shade {
+            part,
+            grey: grey(light),
+        }
+    }
+
+    pub(super) fn trial(&self, random: &mut ChaCha8Rng) -> Tally {
+        let exposure = Exposure::default();
+        let still = still(self.size, |px| self.shade(px), &exposure);
+        let image = developed(self.size, &still, &exposure, random);
+        let families = [Family::Ring(self.rings[0].segments)];
+        let found = detect(&image, &families, &DetectSettings::default());
+        let mut tally = Tally {
+            shown: self.rings.len(),
+            ..Tally::default()
+        };
+        for code in &found.codes {
+            let centre = found.dots[code.dots[0].slot()].centre_px;
+            let here = |ring: &&Ring| ring.view.plane(centre).norm() < 0.5;
+            let ring = self.rings.iter().find(here);
+            let right = ring.is_some_and(|ring| ring.id == code.id);
+            let counter = match (right, &code.doubt) {
+                (true, None) => &mut tally.read,
+                (true, Some(_)) => &mut tally.doubtful,
+                (false, None) if ring.is_some_and(|ring| self.shows(&still, ring, code.id)) => {
+                    &mut tally.same_picture
+                }
+                (false, None) => &mut tally.wrong,
+                (false, Some(_)) => &mut tally.wrong_doubtful,
+            };
+            *counter += 1;
+        }
+        tally
+    }
+
+    /// Whether the picture without noise, within 3.5 radii of the code's dot, is the one of another number at the same place. It
+    /// is where the two differ by less than noise tells from nothing (chi-square), or where the means of 3 x 3 pixels differ nowhere
+    /// by more than film and print may be uneven and noise strong together: a reader that refused this would refuse real codes.
+    fn shows(&self, still: &[f64], ring: &Ring, id: u32) -> bool {
+        /// Five standard deviations of the noise, for a reader who knows what to look for.
+        const CHI_SQUARE: f64 = 25.0;
+        /// Unevenness of what is dark, and of what is at least half light, shares of the contrast.
+        const DARK: f64 = 0.05;
+        const LIGHT: f64 = 0.12;
+        /// Noise of the mean, in standard deviations.
+        const SIGMAS: f64 = 5.0;
+        let exposure = Exposure::default();
+        let [width, height] = self.size;
+        let contrast = self.light.target - self.light.ground;
+        let pattern = ring_table(ring.segments)[id as usize - 1];
+        let n = ring.segments;
+        (0..n).any(|turn| {
+            let mask = (1_u32 << n) - 1;
+            let other = Ring {
+                bits: ((pattern << turn) | (pattern >> (n - turn))) & mask,
+                sector: None,
+                ..ring.clone()
+            };
+            let alone = Scene {
+                rings: vec![other],
+                discs: Vec::new(),
+                covers: Vec::new(),
+                ..*self
+            };
+            let picture = super::picture::still(self.size, |px| alone.shade(px), &exposure);
+            let off = |column: usize, row: usize| {
+                let slot = row * width + column;
+                let middle = Vector2::new(column as f64 + 0.5, row as f64 + 0.5);
+                let near = ring.view.plane(middle).norm() < 3.5;
+                if near {
+                    still[slot] - picture[slot]
+                } else {
+                    0.0
+                }
+            };
+            let (mut chi_square, mut even) = (0.0, true);
+            for row in 1..height - 1 {
+                for column in 1..width - 1 {
+                    chi_square += (off(column, row) / exposure.noise).powi(2);
+                    let around: f64 = (0..9)
+                        .map(|k| off(column + k % 3 - 1, row + k / 3 - 1))
+                        .sum();
+                    let share = (picture[row * width + column] - self.light.ground) / contrast;
+                    let uneven = DARK + (LIGHT - DARK) * (2.0 * share).min(1.0);
+                    even &=
+                        (around / 9.0).abs() < uneven * contrast + SIGMAS * exposure.noise / 3.0;
+                }
+            }
+            even || chi_square < CHI_SQUARE
+        })
+    }
+}
+
+pub(super) fn view_at(
+    middle: Vector2<f64>,
+    radius: f64,
+    incidence_deg: f64,
+    random: &mut ChaCha8Rng,
+) -> PlaneView {
+    let off = Vector2::new(random.random_range(0.0..1.0), random.random_range(0.0..1.0));
+    let angles = [
+        random.random_range(0.0..TAU),
+        incidence_deg.to_radians(),
+        random.random_range(0.0..PI),
+    ];
+    PlaneView::new(
+        middle + off,
+        radius,
+        angles,
+        random.random_range(120.0..400.0),
+    )
+}
