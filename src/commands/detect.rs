@@ -5,11 +5,12 @@ use std::path::{Path, PathBuf};
 use super::overlays::OverlayFolder;
 use super::terminal::show;
 use super::{CommandError, Form};
+use crate::camera::{Camera, InteriorOrientation};
 use crate::imaging::{GreyImage, LoadSettings, load_picture};
 use crate::monitor::Monitor;
 use crate::project::files::read_cameras;
 use crate::report::{CameraFile, DetectReport, detect_line};
-use crate::targets::{DetectSettings, Family, detect as detect_targets};
+use crate::targets::{DetectSettings, Family, NominalCamera, detect as detect_targets};
 
 /// What to look for where.
 #[derive(Clone, Debug)]
@@ -39,7 +40,6 @@ pub fn detect(request: &DetectRequest, form: Form, monitor: &Monitor) -> Result<
         None => None,
     };
     let task = monitor.task("detecting targets", request.images.len() as u64);
-    let settings = DetectSettings::default();
     let mut reports = Vec::new();
     let mut lines = String::new();
     let mut refused: Vec<String> = Vec::new();
@@ -52,6 +52,7 @@ pub fn detect(request: &DetectRequest, form: Form, monitor: &Monitor) -> Result<
             }
         };
         task.step().map_err(|_| CommandError::interrupted())?;
+        let settings = settings_for(&picture, &cameras);
         let detections = detect_targets(&picture, &request.families, &settings);
         if let Some(overlays) = &mut overlays {
             overlays.write(path, &picture, &detections)?;
@@ -83,6 +84,30 @@ pub fn detect(request: &DetectRequest, form: Form, monitor: &Monitor) -> Result<
             more.len()
         ))),
     }
+}
+
+/// The settings that what is known of the camera asks for.
+fn settings_for(picture: &GreyImage, cameras: &[CameraFile]) -> DetectSettings {
+    /// How far principal distances may be wrong, as a share: files are copied from one camera to another.
+    const SHARE: f64 = 0.1;
+    let size = (picture.width() as u32, picture.height() as u32);
+    let mut fitting = cameras.iter().filter(|c| (c.width_px, c.height_px) == size);
+    let nominal = fitting.next().and_then(|camera| {
+        let (pitch, distance) = (camera.pixel_pitch_mm?, camera.principal_distance_mm?);
+        let camera = Camera {
+            width_px: camera.width_px,
+            height_px: camera.height_px,
+            pixel_pitch_mm: pitch,
+            interior: InteriorOrientation {
+                principal_point: camera.principal_point,
+                ..InteriorOrientation::pinhole(distance)
+            },
+        };
+        Some(NominalCamera::of(&camera, SHARE))
+    });
+    let mut settings = DetectSettings::default();
+    settings.dot420.camera = nominal;
+    settings
 }
 
 /// A picture that has the size of one of the cameras, where there are any; else the line that says what is wrong.

@@ -8,11 +8,12 @@ use rayon::prelude::*;
 use super::{Advance, Halt, Pictures, Step};
 use crate::monitor::Monitor;
 use crate::network::{
-    About, CODES_TO_CONNECT, Connectivity, Finding, FindingKind, ImageConnectivity, ImageEntry,
-    ImageId, Label, MeasurementSettings, Network, PointId, Source, Stage,
+    About, CODES_TO_CONNECT, CameraEntry, Connectivity, Finding, FindingKind, ImageConnectivity,
+    ImageEntry, ImageId, InteriorSource, Label, MeasurementSettings, Network, PointId, Source,
+    Stage,
 };
 use crate::targets::{
-    CodeReading, DetectSettings, Detections, Dot420Settings, DotIndex, Family,
+    CodeReading, DetectSettings, Detections, Dot420Settings, DotIndex, Family, NominalCamera,
     detect_unless_interrupted,
 };
 
@@ -37,13 +38,14 @@ pub(super) fn run(
     monitor: &Monitor,
 ) -> Result<Advance, Halt> {
     let task = monitor.task("detecting targets", images.len() as u64);
-    let settings = detect_settings(&network.settings);
     let found: Vec<Option<Result<Detections, String>>> = images
         .par_iter()
         .map(|id| {
             task.step().ok()?;
             let families = &network.settings.families;
-            match pictures.load(&network.images[id], monitor) {
+            let image = &network.images[id];
+            let settings = detect_settings(&network.settings, network.camera_of(image));
+            match pictures.load(image, monitor) {
                 Err(_) if monitor.is_interrupted() => None,
                 Err(reason) => Some(Err(reason)),
                 Ok(picture) => detect_unless_interrupted(&picture, families, &settings, monitor)
@@ -69,13 +71,23 @@ pub(super) fn run(
     Ok(Advance { network, complete })
 }
 
-/// The settings of detection that the measurement's settings ask for.
-fn detect_settings(settings: &MeasurementSettings) -> DetectSettings {
+/// The settings of detection that the measurement's settings and what is known of the camera ask for.
+fn detect_settings(settings: &MeasurementSettings, camera: &CameraEntry) -> DetectSettings {
+    /// How far principal distances may be wrong, as a share: files are copied from one camera to another, and a focal length is
+    /// engraved for infinity.
+    const SHARE_OF_FILE: f64 = 0.1;
+    const SHARE_OF_EXIF: f64 = 0.15;
+    let share = match camera.source {
+        InteriorSource::CameraFile => Some(SHARE_OF_FILE),
+        InteriorSource::Exif => Some(SHARE_OF_EXIF),
+        InteriorSource::Unknown => None,
+    };
     let sizes = settings.targets.of(Family::Dot420);
     DetectSettings {
         dot420: Dot420Settings {
             pitch_mm: sizes.pitch_mm,
             dot_mm: sizes.dot_mm,
+            camera: share.map(|share| NominalCamera::of(&camera.nominal, share)),
             ..Dot420Settings::default()
         },
         ..DetectSettings::default()

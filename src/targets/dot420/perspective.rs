@@ -10,6 +10,7 @@ use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use super::plane::GridDot;
+use crate::camera::Camera;
 
 /// Perspective expected where no camera is given: standard deviation of the change of depth across six pitches, for dots
 /// seen round (a plane parallel to the picture has none) and what obliquity adds.
@@ -34,6 +35,20 @@ pub struct NominalCamera {
     /// Standard deviation of the principal distance as a share of it: 0.03 for a camera file, 0.1 for an engraved focal length,
     /// 0.3 for a guess.
     pub principal_distance_share: f64,
+}
+
+impl NominalCamera {
+    /// A camera whose principal distance is right to `principal_distance_share` of itself.
+    #[must_use]
+    pub fn of(camera: &Camera, principal_distance_share: f64) -> Self {
+        let interior = &camera.interior;
+        let principal_point = camera.pixel_from_image(&Vector2::from(interior.principal_point));
+        Self {
+            principal_distance_px: interior.principal_distance / camera.pixel_pitch_mm,
+            principal_point_px: principal_point.into(),
+            principal_distance_share,
+        }
+    }
 }
 
 /// Expected perspective terms, pitches^-1, and the weight matrix of that expectation.
