@@ -6,7 +6,8 @@
 //! Three things are looked at:
 //! - the difference in the mean of three by three pixels, the size of the blur: it may be as large as film and print are uneven
 //!   and the noise is strong;
-//! - the borders between light and dark segments: how far along the ring each one is from the grid, by least squares over its pixels;
+//! - the borders: how far along the ring each one between light and dark is from the grid, and how wide a line lies on the others, by
+//!   least squares over their pixels;
 //! - the levels of whole segments, which show slighter differences in grey.
 //!
 //! What cannot be told: a cover of the ground's own grey whose borders lie in dark segments or on the grid leaves the picture of
@@ -21,8 +22,8 @@ use super::patch::{Patch, middle};
 
 /// Largest error of the frame, pixels of the patch: it shows at the edges.
 const FRAME_PX: f64 = 0.12;
-/// How far the border of two segments may be from where it should be, pixels of the patch.
-const BORDER_PX: f64 = 0.2;
+/// How far the border of two segments may be from where it should be, and how wide a line on it, pixels of the patch.
+const BORDER_PX: f64 = 0.16;
 /// Unevenness of what is dark, as a share of the contrast.
 const DARK: f64 = 0.05;
 /// The same as the level of a whole dark segment.
@@ -82,7 +83,8 @@ impl Place {
     }
 }
 
-/// How far the border between two segments is from where it should be, by least squares.
+/// How far the border between a light and a dark segment is from where it should be, or how wide a line of the other kind lies
+/// between two that are alike, by least squares.
 #[derive(Clone, Copy, Default)]
 struct Border {
     product: f64,
@@ -95,12 +97,12 @@ impl Border {
         self.square += by * by;
     }
 
-    /// Radians.
+    /// Radians, or pixels of a line's width.
     fn shift(&self) -> f64 {
         self.product / self.square.max(f64::MIN_POSITIVE)
     }
 
-    /// Standard deviation from noise, radians.
+    /// Its standard deviation from noise.
     fn sigma(&self, noise: f64) -> f64 {
         noise / self.square.max(f64::MIN_POSITIVE).sqrt()
     }
@@ -113,6 +115,8 @@ pub(super) fn ring_evidence(patch: &Patch, fitted: &Fitted) -> Option<RingEviden
     let back = frame.map.try_inverse()?;
     let mut offs = vec![Off::default(); patch.columns * patch.rows];
     let (mut squares, mut count) = (0.0, 0.0);
+    let lines = fitted.sketch.lines();
+    let mut cracks = vec![Border::default(); fitted.bits.len()];
     let mut borders = vec![Border::default(); fitted.bits.len()];
     scene.compare(
         patch,
@@ -131,8 +135,9 @@ pub(super) fn ring_evidence(patch: &Patch, fitted: &Fitted) -> Option<RingEviden
             let place = Place::of(frame, &back, column, row);
             // The picture as a border goes forward by a radian.
             let turned = frame.map * Vector2::new(-place.affine.y, place.affine.x);
-            borders[place.nearest_border(fitted.bits.len())]
-                .add(grey - seen.grey, -seen.light * seen.ring.slope.dot(&turned));
+            let border = place.nearest_border(fitted.bits.len());
+            borders[border].add(grey - seen.grey, -seen.light * seen.ring.slope.dot(&turned));
+            cracks[border].add(grey - seen.grey, seen.light * lines.value(column, row));
             squares += off * off;
             count += 1.0;
         },
@@ -159,11 +164,13 @@ pub(super) fn ring_evidence(patch: &Patch, fitted: &Fitted) -> Option<RingEviden
         .collect();
     for (index, border) in borders.iter().enumerate() {
         let behind = (index + departures.len() - 1) % departures.len();
-        if fitted.bits[index] == fitted.bits[behind] {
-            continue;
-        }
-        let angle = std::f64::consts::TAU * index as f64 / departures.len() as f64;
-        let px = MIDDLE * (frame.map * Vector2::new(-angle.sin(), angle.cos())).norm();
+        let (border, px) = if fitted.bits[index] == fitted.bits[behind] {
+            (&cracks[index], 1.0)
+        } else {
+            let angle = std::f64::consts::TAU * index as f64 / departures.len() as f64;
+            let along = frame.map * Vector2::new(-angle.sin(), angle.cos());
+            (border, MIDDLE * along.norm())
+        };
         let departure = px * border.shift().abs()
             / f64::hypot(BORDER_PX, NOISE_SIGMAS * px * border.sigma(patch.noise));
         departures[index] = departures[index].max(departure);

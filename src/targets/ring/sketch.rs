@@ -29,6 +29,8 @@ struct Node {
     ring: f32,
     /// Of the ring's share so much belongs to the neighbour.
     mix: f32,
+    /// A line along the nearest border, softened as the edges are, per pixel of its width.
+    line: f32,
     segment: u8,
     neighbour: u8,
 }
@@ -70,6 +72,8 @@ pub(super) struct Sketch {
     nodes: Vec<Node>,
     dot: Span,
     segments: Vec<Span>,
+    /// Half the width of a soft edge, pixels.
+    half_width: f32,
     /// Half of the kernel of the remaining blur, from its middle.
     kernel: Vec<f32>,
 }
@@ -99,6 +103,7 @@ impl Sketch {
             nodes: vec![Node::default(); columns * rows],
             dot: Span::NOTHING,
             segments: vec![Span::NOTHING; usize::from(segments)],
+            half_width: pen.half_width as f32,
             kernel: kernel((blur * blur - soft * soft).sqrt() * NODES),
         };
         for row in 0..rows {
@@ -142,8 +147,10 @@ impl Sketch {
                     (1, 1.0 - within)
                 };
                 let neighbour = (segment + step) % self.segments.len();
-                node.mix =
-                    soft(f32x4::splat(-border / segments * strokes.per_turn[lane])).to_array()[0];
+                let distance = border / segments * strokes.per_turn[lane];
+                node.mix = soft(f32x4::splat(-distance)).to_array()[0];
+                node.line =
+                    node.ring * 0.75 * (1.0 - distance * distance).max(0.0) / self.half_width;
                 node.segment = segment as u8;
                 node.neighbour = neighbour as u8;
                 self.segments[segment].add(column, row);
@@ -189,6 +196,15 @@ impl Sketch {
                 0.0
             }
         })
+    }
+
+    /// What lines along all borders between segments give, per pixel of their width.
+    pub(super) fn lines(&self) -> Blurred {
+        let all = Span {
+            columns: [0, self.columns],
+            rows: [0, self.rows],
+        };
+        self.blurred(all, |node| node.line)
     }
 
     fn blurred(&self, drawn: Span, value: impl Fn(&Node) -> f32) -> Blurred {
