@@ -23,6 +23,8 @@ use tiepoint::targets::{DetectSettings, Detections, Family, detect};
 
 /// Resolution of the rasters: dots of 5 mm are 14 px wide, as in pictures of a campaign.
 const DOTS_PER_INCH: f64 = 72.0;
+/// Pages are rasterised so many times finer, and reduced.
+const FINER: usize = 4;
 const PX_PER_MM: f64 = DOTS_PER_INCH / 25.4;
 /// What is seen of the dark table on which a page lies, on each side, px.
 const TABLE_PX: usize = 40;
@@ -73,9 +75,26 @@ fn assert_read(detections: &Detections, page: &Page) {
     }
 }
 
+/// The means of blocks of pixels: a rasteriser puts edges onto its own pixels, which must be finer than the camera's. Blocks
+/// beyond the border are filled up with what is there.
+fn reduced(fine: &GreyImage) -> GreyImage {
+    let [width, height] = [fine.width(), fine.height()].map(|size| size.div_ceil(FINER));
+    let block = |slot: usize| {
+        let [columns, rows] = [(slot % width, fine.width()), (slot / width, fine.height())]
+            .map(|(block, end)| block * FINER..((block + 1) * FINER).min(end));
+        let pixels = rows.flat_map(|y| columns.clone().map(move |x| (x, y)));
+        let (sum, count) = pixels.fold((0, 0), |(sum, count), (x, y)| {
+            (sum + u32::from(fine.at(x, y)), count + 1)
+        });
+        ((sum + count / 2) / count) as u16
+    };
+    let samples = (0..width * height).map(block).collect();
+    GreyImage::new(width as u32, height as u32, fine.depth(), samples).expect("all pixels")
+}
+
 /// The pages of a PDF as pictures; `None` where there is no `pdftoppm`.
 fn rasters(folder: &Folder, pdf: &str) -> Option<Vec<GreyImage>> {
-    let resolution = DOTS_PER_INCH.to_string();
+    let resolution = (DOTS_PER_INCH * FINER as f64).to_string();
     let raster = Command::new("pdftoppm")
         .args(["-r", &resolution, "-gray", pdf, "page"])
         .current_dir(folder.path())
@@ -101,9 +120,8 @@ fn rasters(folder: &Folder, pdf: &str) -> Option<Vec<GreyImage>> {
     Some(
         pages
             .map(|name| {
-                load_picture(&folder.at(&name), &LoadSettings::default())
-                    .unwrap_or_else(|e| panic!("{e}"))
-                    .image
+                let fine = load_picture(&folder.at(&name), &LoadSettings::default());
+                reduced(&fine.unwrap_or_else(|e| panic!("{e}")).image)
             })
             .collect(),
     )

@@ -129,27 +129,54 @@ impl Columns {
 
     /// Sum of the squared misfits.
     pub(super) fn cost(&self) -> f64 {
-        let [cost] = sums_of_products(&self.misfit, [&self.misfit]);
+        let [[cost]] = sums_of_products([&self.misfit], [&self.misfit]);
         cost
     }
 
-    /// Sum of the derivatives by a parameter times the misfits, and times the derivatives by the parameters up to it.
-    pub(super) fn products(&self, parameter: usize) -> (f64, [f64; PARAMETERS]) {
-        /// So many at a time: each lane of the own column is read once for all of them.
-        const TOGETHER: usize = 4;
-        let own = &self.by[parameter];
-        let other = |slot: usize| match slot <= parameter {
-            true => &self.by[slot][..],
-            false => &self.misfit,
-        };
-        let mut sums = [0.0; PARAMETERS + TOGETHER];
-        for first in (0..=parameter + 1).step_by(TOGETHER) {
-            let others = std::array::from_fn(|next| other(first + next));
-            let found = sums_of_products::<TOGETHER>(own, others);
-            sums[first..first + TOGETHER].copy_from_slice(&found);
+    /// Sum of the derivatives by a parameter times the misfits.
+    pub(super) fn pull(&self, parameter: usize) -> f64 {
+        let [[pull]] = sums_of_products([&self.by[parameter]], [&self.misfit]);
+        pull
+    }
+
+    /// Sum of the squared derivatives by a parameter.
+    pub(super) fn weight(&self, parameter: usize) -> f64 {
+        let by = &self.by[parameter];
+        let [[weight]] = sums_of_products([by], [by]);
+        weight
+    }
+
+    /// For some parameters, in their order, [`Self::pull`] and the sums of the derivatives times those by the parameters up to
+    /// it: the lower half of the normal equations. Calls `put` with each parameter, its pull and its sums.
+    pub(super) fn normal_equations(
+        &self,
+        parameters: &[usize],
+        mut put: impl FnMut(usize, f64, &[f64]),
+    ) {
+        /// So many at a time: what is read of a column serves for several sums.
+        const OWN: usize = 2;
+        const OTHERS: usize = 4;
+        for first in (0..parameters.len()).step_by(OWN) {
+            let last = (first + OWN).min(parameters.len());
+            let own =
+                std::array::from_fn(|next| &self.by[parameters[(first + next).min(last - 1)]][..]);
+            // The misfits come after the parameters, and fill the others up.
+            let other = |slot: usize| match slot < last {
+                true => &self.by[parameters[slot]][..],
+                false => &self.misfit,
+            };
+            let mut sums = [[0.0; PARAMETERS + OTHERS]; OWN];
+            for begin in (0..=last).step_by(OTHERS) {
+                let others = std::array::from_fn(|next| other(begin + next));
+                let found = sums_of_products::<OWN, OTHERS>(own, others);
+                for (sums, found) in sums.iter_mut().zip(found) {
+                    sums[begin..begin + OTHERS].copy_from_slice(&found);
+                }
+            }
+            for (slot, sums) in (first..last).zip(&sums) {
+                put(slot, sums[last], &sums[..=slot]);
+            }
         }
-        let products = std::array::from_fn(|slot| if slot <= parameter { sums[slot] } else { 0.0 });
-        (sums[parameter + 1], products)
     }
 
     /// Number of pixels that count.
@@ -428,32 +455,45 @@ fn exp2(x: Lanes) -> Lanes {
     shifted.map(power) * (series + Lanes::ONE)
 }
 
-/// Sums of the products of a column with others of the same length.
-fn sums_of_products<const OTHERS: usize>(
-    own: &[Lanes],
+/// Sums of the products of columns with others of the same length.
+fn sums_of_products<const OWN: usize, const OTHERS: usize>(
+    own: [&[Lanes]; OWN],
     others: [&[Lanes]; OTHERS],
-) -> [f64; OTHERS] {
-    let others = others.map(|other| &other[..own.len()]);
+) -> [[f64; OTHERS]; OWN] {
     run(SumsOfProducts { own, others })
 }
 
-struct SumsOfProducts<'a, const OTHERS: usize> {
-    own: &'a [Lanes],
+struct SumsOfProducts<'a, const OWN: usize, const OTHERS: usize> {
+    own: [&'a [Lanes]; OWN],
     others: [&'a [Lanes]; OTHERS],
 }
 
-impl<const OTHERS: usize> NullaryFnOnce for SumsOfProducts<'_, OTHERS> {
-    type Output = [f64; OTHERS];
+impl<const OWN: usize, const OTHERS: usize> NullaryFnOnce for SumsOfProducts<'_, OWN, OTHERS> {
+    type Output = [[f64; OTHERS]; OWN];
 
     #[inline(always)]
-    fn call(self) -> [f64; OTHERS] {
-        let mut sums = [Lanes::ZERO; OTHERS];
-        for (lane, &own) in self.own.iter().enumerate() {
-            for (sum, other) in sums.iter_mut().zip(&self.others) {
-                *sum += own * other[lane];
+    fn call(self) -> Self::Output {
+        // Loops throughout: what an array maps with is not put into this function.
+        let count = self.own[0].len();
+        let (mut own, mut others) = (self.own, self.others);
+        for column in own.iter_mut().chain(&mut others) {
+            *column = &column[..count];
+        }
+        let mut lanes = [[Lanes::ZERO; OTHERS]; OWN];
+        for lane in 0..count {
+            for (sums, own) in lanes.iter_mut().zip(&own) {
+                for (sum, other) in sums.iter_mut().zip(&others) {
+                    *sum += own[lane] * other[lane];
+                }
             }
         }
-        sums.map(Lanes::sum)
+        let mut sums = [[0.0; OTHERS]; OWN];
+        for (sums, lanes) in sums.iter_mut().zip(&lanes) {
+            for (sum, lanes) in sums.iter_mut().zip(lanes) {
+                *sum = lanes.sum();
+            }
+        }
+        sums
     }
 }
 

@@ -511,7 +511,7 @@ fn judged(
             "seen too obliquely: {major_px:.1} x {minor_px:.1} px"
         ));
     }
-    let signal = contrast * pixels.products(AMPLITUDE).1[AMPLITUDE].sqrt() / view.noise;
+    let signal = contrast * pixels.weight(AMPLITUDE).sqrt() / view.noise;
     if contrast < settings.least_contrast_to_noise * view.noise {
         return Err(format!(
             "too faint: {contrast:.1} grey values over noise of {:.1}",

@@ -84,7 +84,11 @@ impl Ellipse {
 
 /// An ellipse of the same centre and direction as another, its semi-axes longer or shorter by a length or by a factor.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Nested(Ellipse);
+pub(super) struct Nested {
+    ellipse: Ellipse,
+    /// Inverse of the shape's xx, px^2.
+    per_xx: f64,
+}
 
 impl Nested {
     /// `None` where nothing is left of an axis.
@@ -95,31 +99,39 @@ impl Nested {
             minor: axes.minor + longer_by,
             ..axes
         };
-        (nested.minor > 0.0).then(|| Self(Ellipse::from_axes(ellipse.centre, nested)))
+        let positive = nested.minor > 0.0;
+        positive.then(|| Self::new(Ellipse::from_axes(ellipse.centre, nested)))
     }
 
     /// The level of `ellipse` that is `factor`, which is positive.
     pub(super) fn at_level(ellipse: &Ellipse, factor: f64) -> Self {
-        Self(Ellipse {
+        Self::new(Ellipse {
             shape: ellipse.shape / (factor * factor),
             ..*ellipse
         })
     }
 
+    fn new(ellipse: Ellipse) -> Self {
+        Self {
+            ellipse,
+            per_xx: 1.0 / ellipse.shape.m11,
+        }
+    }
+
     /// Where a row at `y` enters and leaves it; `None` where it passes by.
     pub(super) fn along_row(&self, y: f64) -> Option<[f64; 2]> {
-        let Ellipse { centre, shape } = self.0;
+        let Ellipse { centre, shape } = self.ellipse;
         let dy = y - centre.y;
         // shape_xx dx^2 + 2 shape_xy dx dy + shape_yy dy^2 = 1.
-        let (a, b) = (shape[(0, 0)], shape[(0, 1)] * dy);
-        let root = (b * b - a * (shape[(1, 1)] * dy * dy - 1.0)).sqrt();
-        (root >= 0.0).then(|| [-1.0, 1.0].map(|sign| centre.x + (sign * root - b) / a))
+        let b = shape.m12 * dy;
+        let root = (b * b - shape.m11 * (shape.m22 * dy * dy - 1.0)).sqrt();
+        (root >= 0.0).then(|| [-1.0, 1.0].map(|sign| centre.x + (sign * root - b) * self.per_xx))
     }
 
     /// Whether a place lies inside.
     pub(super) fn holds(&self, place: Vector2<f64>) -> bool {
-        let from_centre = place - self.0.centre;
-        from_centre.dot(&(self.0.shape * from_centre)) <= 1.0
+        let from_centre = place - self.ellipse.centre;
+        from_centre.dot(&(self.ellipse.shape * from_centre)) <= 1.0
     }
 }
 

@@ -24,21 +24,17 @@ pub(super) enum Freedom {
 }
 
 impl Freedom {
-    fn moves(self, parameter: usize) -> bool {
+    /// The parameters that it moves.
+    fn parameters(self) -> &'static [usize] {
         match self {
-            Freedom::Rimmed => !matches!(parameter, 7 | 8 | 10 | 11),
-            Freedom::Even => parameter < EVEN,
-            Freedom::Sloping => true,
+            Freedom::Rimmed => &[0, 1, 2, 3, 4, 5, 6, 9],
+            Freedom::Even => &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9],
+            Freedom::Sloping => &[0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11],
         }
     }
 
-    /// The parameters that it moves.
-    fn parameters(self) -> impl Iterator<Item = usize> + Clone {
-        (0..PARAMETERS).filter(move |&parameter| self.moves(parameter))
-    }
-
     fn count(self) -> usize {
-        self.parameters().count()
+        self.parameters().len()
     }
 }
 
@@ -179,14 +175,15 @@ fn build(
     pixels.evaluate(profile, clipping);
     let mut normal = Normal::identity();
     let mut right = Parameters::zeros();
-    for i in freedom.parameters() {
-        let (pull, products) = pixels.products(i);
+    let parameters = freedom.parameters();
+    pixels.normal_equations(parameters, |slot, pull, sums| {
+        let i = parameters[slot];
         right[i] = pull;
-        for j in freedom.parameters().take_while(|&j| j <= i) {
-            normal[(i, j)] = products[j];
-            normal[(j, i)] = products[j];
+        for (&j, &sum) in parameters.iter().zip(sums) {
+            normal[(i, j)] = sum;
+            normal[(j, i)] = sum;
         }
-    }
+    });
     Equations {
         slopes: freedom == Freedom::Sloping,
         normal,
@@ -280,8 +277,8 @@ pub(super) fn correct(pixels: &mut Columns, fit: &mut Fit) {
     let mut cost = pixels.take_exact_misfits(&fit.profile);
     for _ in 0..MOST_CORRECTIONS {
         let mut right = Parameters::zeros();
-        for parameter in fit.freedom.parameters() {
-            right[parameter] = pixels.products(parameter).0;
+        for &parameter in fit.freedom.parameters() {
+            right[parameter] = pixels.pull(parameter);
         }
         let equations = Equations {
             slopes: fit.freedom == Freedom::Sloping,
@@ -325,7 +322,7 @@ impl Fit {
     }
 
     /// The parameters that it moved.
-    pub(super) fn parameters(&self) -> impl Iterator<Item = usize> + Clone + use<> {
+    pub(super) fn parameters(&self) -> &'static [usize] {
         self.freedom.parameters()
     }
 
@@ -342,12 +339,12 @@ impl Fit {
             whole.fixed_view_mut::<EVEN, EVEN>(0, 0).copy_from(&inverse);
             whole
         };
-        Some(Normal::from_fn(|i, j| {
-            if self.freedom.moves(i) && self.freedom.moves(j) {
-                inverse[(i, j)] * scale[i] * scale[j]
-            } else {
-                0.0
+        let mut cofactor = Normal::zeros();
+        for &i in self.parameters() {
+            for &j in self.parameters() {
+                cofactor[(i, j)] = inverse[(i, j)] * scale[i] * scale[j];
             }
-        }))
+        }
+        Some(cofactor)
     }
 }

@@ -57,7 +57,11 @@ impl Lanes {
     /// Sum in double precision, in the order of the lanes.
     #[inline(always)]
     pub(super) fn sum(self) -> f64 {
-        self.0.into_iter().map(f64::from).sum()
+        let mut sum = 0.0;
+        for number in self.0 {
+            sum += f64::from(number);
+        }
+        sum
     }
 }
 

@@ -163,12 +163,11 @@ impl Leverage {
         whole.clear();
         whole.resize(lanes, Lanes::ZERO);
         row.resize(lanes, Lanes::ZERO);
-        for i in fit.parameters() {
+        for &i in fit.parameters() {
             let mut terms = [(0.0, &[][..]); PARAMETERS];
-            let mut count = 0;
-            for j in fit.parameters() {
-                terms[count] = (cofactor[(i, j)] as f32, pixels.by(j));
-                count += 1;
+            let count = fit.parameters().len();
+            for (term, &j) in terms.iter_mut().zip(fit.parameters()) {
+                *term = (cofactor[(i, j)] as f32, pixels.by(j));
             }
             run(Combination {
                 terms: &terms[..count],

@@ -98,13 +98,11 @@ pub(super) fn take_pixels<'a>(
             column_at(enters)..column_at(leaves)
         })
     };
-    let within = |level: f64| -> Vec<Range<usize>> {
+    let within = |level: f64| {
         let nested = Nested::at_level(&ellipse, level);
-        (0..rows.len())
-            .map(|row| columns_within(&nested, row))
-            .collect()
+        move |row: usize| columns_within(&nested, row)
     };
-    flood_dot(&mut owners, width, &within(INNER), &within(OUTER));
+    flood_dot(&mut owners, width, within(INNER), within(OUTER));
     drop_lone(&mut owners, width);
     let company = guard_neighbours(&mut owners, width, settings.guard);
     let Some(axes) = ellipse.axes() else {
@@ -166,12 +164,23 @@ pub(super) fn take_pixels<'a>(
     company
 }
 
-/// Gives the dot the bright pixels that hang together with those within `inner`, as far as `outer`; both row by row.
-fn flood_dot(owners: &mut [Owner], width: usize, inner: &[Range<usize>], outer: &[Range<usize>]) {
-    let mut stack = Vec::new();
-    for (row, columns) in inner.iter().enumerate() {
-        let owners = &mut owners[row * width..(row + 1) * width];
-        for (owner, column) in owners[columns.clone()].iter_mut().zip(columns.clone()) {
+/// Gives the dot the bright pixels that hang together with those within `inner`, as far as `outer`: columns of a row.
+fn flood_dot(
+    owners: &mut [Owner],
+    width: usize,
+    inner: impl Fn(usize) -> Range<usize>,
+    outer: impl Fn(usize) -> Range<usize>,
+) {
+    let mut stack = Vec::with_capacity(owners.len());
+    let mut reach = Vec::with_capacity(owners.len() / width);
+    for (row, owners) in owners.chunks_mut(width).enumerate() {
+        if !owners.contains(&Owner::Neighbour) {
+            reach.push(0..0);
+            continue;
+        }
+        reach.push(outer(row));
+        let columns = inner(row);
+        for (owner, column) in owners[columns.clone()].iter_mut().zip(columns) {
             if *owner == Owner::Neighbour {
                 *owner = Owner::Dot;
                 stack.push((row, column));
@@ -186,7 +195,7 @@ fn flood_dot(owners: &mut [Owner], width: usize, inner: &[Range<usize>], outer: 
             (row + 1, column),
         ];
         for (row, column) in neighbours {
-            let reached = outer
+            let reached = reach
                 .get(row)
                 .is_some_and(|columns| columns.contains(&column));
             if reached && owners[row * width + column] == Owner::Neighbour {

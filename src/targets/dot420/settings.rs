@@ -45,9 +45,9 @@ pub struct Dot420Settings {
     /// a plain target less room to pass for a code's dot: fewer wrong numbers and fewer doubts.
     pub camera: Option<NominalCamera>,
     /// Largest likelihood, as a multiple of the reading's, of all codes that would look the same if one of their dots were hidden
-    /// and one of these six were a plain target; beyond it the reading carries a doubt. Default 2e-4: of a million codes with a
-    /// hidden dot among plain targets about two pass with a wrong number. A tenth of it lets one pass, and doubts three whole codes
-    /// of four where plain targets stand as on the box of the demo.
+    /// and one of these six were a plain target; beyond it the reading carries a doubt. Default 1.5e-5: of a million codes with a
+    /// hidden dot among plain targets about one passes with a wrong number, and three whole codes of four are doubted where plain
+    /// targets stand as on the box of the demo, until the orientation bears them out. With 2e-4 ten pass, and one of ten is doubted.
     pub rival_chance: f64,
 }
 
@@ -68,7 +68,7 @@ impl Default for Dot420Settings {
             contrast_ratio: 4.0,
             clear_pitches: 2.6,
             camera: None,
-            rival_chance: 2e-4,
+            rival_chance: 1.5e-5,
         }
     }
 }
