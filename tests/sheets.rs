@@ -84,7 +84,7 @@ fn reduced(fine: &GreyImage) -> GreyImage {
             .map(|(block, end)| block * FINER..((block + 1) * FINER).min(end));
         let pixels = rows.flat_map(|y| columns.clone().map(move |x| (x, y)));
         let (sum, count) = pixels.fold((0, 0), |(sum, count), (x, y)| {
-            (sum + u32::from(fine.at(x, y)), count + 1)
+            (sum + u32::from(fine.row(y)[x]), count + 1)
         });
         ((sum + count / 2) / count) as u16
     };
