@@ -12,7 +12,7 @@ use nalgebra::Vector2;
 use pulp::NullaryFnOnce;
 
 use super::exact::Shares;
-use super::lanes::{LANES, Lanes, run};
+use super::lanes::{LANES, Lanes, run, sums_of_products};
 use super::profile::{AMPLITUDE, BACKGROUND, BLUR, PARAMETERS, Parameters, Profile};
 
 /// From this many blurs off the edge on the profile is flat.
@@ -453,48 +453,6 @@ fn exp2(x: Lanes) -> Lanes {
         .fold(Lanes::ZERO, |sum, &term| (sum + Lanes::splat(term)) * rest);
     let power = |shifted: f32| f32::from_bits(shifted.to_bits().wrapping_add(BIAS) << MANTISSA);
     shifted.map(power) * (series + Lanes::ONE)
-}
-
-/// Sums of the products of columns with others of the same length.
-fn sums_of_products<const OWN: usize, const OTHERS: usize>(
-    own: [&[Lanes]; OWN],
-    others: [&[Lanes]; OTHERS],
-) -> [[f64; OTHERS]; OWN] {
-    run(SumsOfProducts { own, others })
-}
-
-struct SumsOfProducts<'a, const OWN: usize, const OTHERS: usize> {
-    own: [&'a [Lanes]; OWN],
-    others: [&'a [Lanes]; OTHERS],
-}
-
-impl<const OWN: usize, const OTHERS: usize> NullaryFnOnce for SumsOfProducts<'_, OWN, OTHERS> {
-    type Output = [[f64; OTHERS]; OWN];
-
-    #[inline(always)]
-    fn call(self) -> Self::Output {
-        // Loops throughout: what an array maps with is not put into this function.
-        let count = self.own[0].len();
-        let (mut own, mut others) = (self.own, self.others);
-        for column in own.iter_mut().chain(&mut others) {
-            *column = &column[..count];
-        }
-        let mut lanes = [[Lanes::ZERO; OTHERS]; OWN];
-        for lane in 0..count {
-            for (sums, own) in lanes.iter_mut().zip(&own) {
-                for (sum, other) in sums.iter_mut().zip(&others) {
-                    *sum += own[lane] * other[lane];
-                }
-            }
-        }
-        let mut sums = [[0.0; OTHERS]; OWN];
-        for (sums, lanes) in sums.iter_mut().zip(&lanes) {
-            for (sum, lanes) in sums.iter_mut().zip(lanes) {
-                *sum = lanes.sum();
-            }
-        }
-        sums
-    }
 }
 
 #[cfg(test)]

@@ -130,3 +130,45 @@ impl Neg for Lanes {
         self.map(|a| -a)
     }
 }
+
+/// Sums of the products of columns with others of the same length.
+pub(super) fn sums_of_products<const OWN: usize, const OTHERS: usize>(
+    own: [&[Lanes]; OWN],
+    others: [&[Lanes]; OTHERS],
+) -> [[f64; OTHERS]; OWN] {
+    run(SumsOfProducts { own, others })
+}
+
+struct SumsOfProducts<'a, const OWN: usize, const OTHERS: usize> {
+    own: [&'a [Lanes]; OWN],
+    others: [&'a [Lanes]; OTHERS],
+}
+
+impl<const OWN: usize, const OTHERS: usize> NullaryFnOnce for SumsOfProducts<'_, OWN, OTHERS> {
+    type Output = [[f64; OTHERS]; OWN];
+
+    #[inline(always)]
+    fn call(self) -> Self::Output {
+        // Loops throughout: what an array maps with is not put into this function.
+        let count = self.own[0].len();
+        let (mut own, mut others) = (self.own, self.others);
+        for column in own.iter_mut().chain(&mut others) {
+            *column = &column[..count];
+        }
+        let mut lanes = [[Lanes::ZERO; OTHERS]; OWN];
+        for lane in 0..count {
+            for (sums, own) in lanes.iter_mut().zip(&own) {
+                for (sum, other) in sums.iter_mut().zip(&others) {
+                    *sum += own[lane] * other[lane];
+                }
+            }
+        }
+        let mut sums = [[0.0; OTHERS]; OWN];
+        for (sums, lanes) in sums.iter_mut().zip(&lanes) {
+            for (sum, lanes) in sums.iter_mut().zip(lanes) {
+                *sum = lanes.sum();
+            }
+        }
+        sums
+    }
+}
