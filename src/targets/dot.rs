@@ -276,7 +276,7 @@ fn measure_in(
     let (first, company) = first_fit(view, candidate, surroundings, pixels).ok_or(unfitted)?;
     plausible(candidate, &first)?;
     let second = match surroundings {
-        Surroundings::Open if !hopeless(&first) => {
+        Surroundings::Open if !hopeless(&first, view.noise) => {
             second_fit(view, candidate, &first, company, pixels).ok_or(unfitted)?
         }
         _ => first,
@@ -308,10 +308,11 @@ fn is_bent(fit: &Fit) -> bool {
     })
 }
 
-/// A misfit so large that no second fit can mend it.
-fn hopeless(first: &Fit) -> bool {
+/// A misfit so large, beyond the noise, that no second fit can mend it.
+fn hopeless(first: &Fit, noise: f64) -> bool {
     const HOPELESS: f64 = 0.2;
-    first.residual > HOPELESS * first.profile.amplitude()
+    const NOISE: f64 = 1.5;
+    first.residual > (HOPELESS * first.profile.amplitude()).hypot(NOISE * noise)
 }
 
 fn first_fit(
