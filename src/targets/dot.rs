@@ -342,6 +342,7 @@ fn first_fit(
         level: candidate.level,
         margin,
         guard,
+        noise: view.noise,
     };
     let company = take_pixels(view.image, &guess, &window, pixels);
     let (background, amplitude) = first_grey_values(pixels, &guess, off_edge)?;
@@ -405,6 +406,7 @@ fn second_fit(
             level: candidate.level,
             margin,
             guard,
+            noise: view.noise,
         };
         take_pixels(view.image, &first.profile, &window, pixels);
     }

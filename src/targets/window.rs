@@ -20,12 +20,16 @@ pub(super) struct WindowSettings {
     pub(super) margin: f64,
     /// Pixels up to this distance from a neighbour are left out, px.
     pub(super) guard: f64,
+    /// Standard deviation of the noise, grey values.
+    pub(super) noise: f64,
 }
 
 /// Interior pixels farther from the edge than this many blurs tell of the amplitude alone and are thinned out.
 const CORE_BLURS: f64 = 4.0;
 /// About this many of them are kept.
 const CORE_PIXELS: f64 = 300.0;
+/// Where half a dot's height is fewer sigmas of the noise, a bright pixel that stands alone on the slope of its blur is noise.
+const NOISE_SIGMAS: f64 = 12.0;
 
 /// Bright pixels on this level of the ellipse are the dot's.
 const INNER: f64 = 0.7;
@@ -103,7 +107,24 @@ pub(super) fn take_pixels<'a>(
         move |row: usize| columns_within(&nested, row)
     };
     flood_dot(&mut owners, width, within(INNER), within(OUTER));
-    drop_lone(&mut owners, width);
+    let lone = lone(&owners, width);
+    if !lone.is_empty() {
+        let greys = rows
+            .clone()
+            .flat_map(|row| &image.row(row)[columns.clone()]);
+        let dark = greys
+            .zip(&owners)
+            .filter(|(_, owner)| **owner == Owner::Background);
+        let (sum, count) = dark.fold((0.0, 0.0), |(sum, count), (&grey, _)| {
+            (sum + f64::from(grey), count + 1.0)
+        });
+        // What is brighter than noise makes it may be the tip of a neighbour.
+        if settings.level - sum / f64::max(count, 1.0) < NOISE_SIGMAS * settings.noise {
+            for slot in lone {
+                owners[slot] = Owner::Background;
+            }
+        }
+    }
     let company = guard_neighbours(&mut owners, width, settings.guard);
     let Some(axes) = ellipse.axes() else {
         return company;
@@ -206,8 +227,8 @@ fn flood_dot(
     }
 }
 
-/// Gives bright pixels that stand alone back to the background: noise beside a faint dot, or a hot pixel.
-fn drop_lone(owners: &mut [Owner], width: usize) {
+/// Bright pixels beside which no other is: noise beside a faint dot.
+fn lone(owners: &[Owner], width: usize) -> Vec<usize> {
     let is_lone = |slot: usize| {
         let column = slot % width;
         let beside = [
@@ -223,10 +244,7 @@ fn drop_lone(owners: &mut [Owner], width: usize) {
         bright.all(|&owner| owner == Owner::Background)
     };
     let bright = (0..owners.len()).filter(|&slot| owners[slot] == Owner::Neighbour);
-    let lone: Vec<usize> = bright.filter(|&slot| is_lone(slot)).collect();
-    for slot in lone {
-        owners[slot] = Owner::Background;
-    }
+    bright.filter(|&slot| is_lone(slot)).collect()
 }
 
 /// Gives the neighbours the background within the guard distance, because their blurred edges reach there.
@@ -266,7 +284,7 @@ mod tests {
     use crate::imaging::BitDepth;
 
     /// A dot of 6 px in the middle of 40 x 40 px, and these pixels as bright as it.
-    fn company(bright: &[[usize; 2]]) -> Company {
+    fn company(bright: &[[usize; 2]], noise: f64) -> Company {
         let middle = Vector2::new(20.0, 20.0);
         let mut samples = vec![10_u16; 40 * 40];
         for (slot, sample) in samples.iter_mut().enumerate() {
@@ -287,6 +305,7 @@ mod tests {
             level: 50.0,
             margin: 5.0,
             guard: 2.5,
+            noise,
         };
         let profile = Profile::new(&ellipse, 0.8, 0.0, 1.0);
         take_pixels(&image, &profile, &settings, &mut Columns::default())
@@ -294,8 +313,10 @@ mod tests {
 
     #[test]
     fn a_bright_pixel_that_stands_alone_is_noise_and_two_are_a_neighbour() {
-        assert_eq!(company(&[]), Company::Alone);
-        assert_eq!(company(&[[27, 20], [12, 14]]), Company::Alone);
-        assert_eq!(company(&[[27, 20], [27, 21]]), Company::Neighbours);
+        let (noise, little) = (10.0, 1.0);
+        assert_eq!(company(&[], noise), Company::Alone);
+        assert_eq!(company(&[[27, 20], [12, 14]], noise), Company::Alone);
+        assert_eq!(company(&[[27, 20], [27, 21]], noise), Company::Neighbours);
+        assert_eq!(company(&[[27, 20]], little), Company::Neighbours);
     }
 }
