@@ -311,6 +311,7 @@ fn is_bent(fit: &Fit) -> bool {
 /// A misfit so large, beyond the noise, that no second fit can mend it.
 fn hopeless(first: &Fit, noise: f64) -> bool {
     const HOPELESS: f64 = 0.2;
+    /// The residual of few pixels is larger than their noise by chance, by less than this factor.
     const NOISE: f64 = 1.5;
     first.residual > (HOPELESS * first.profile.amplitude()).hypot(NOISE * noise)
 }

@@ -107,24 +107,10 @@ pub(super) fn take_pixels<'a>(
         move |row: usize| columns_within(&nested, row)
     };
     flood_dot(&mut owners, width, within(INNER), within(OUTER));
-    let lone = lone(&owners, width);
-    if !lone.is_empty() {
-        let greys = rows
-            .clone()
-            .flat_map(|row| &image.row(row)[columns.clone()]);
-        let dark = greys
-            .zip(&owners)
-            .filter(|(_, owner)| **owner == Owner::Background);
-        let (sum, count) = dark.fold((0.0, 0.0), |(sum, count), (&grey, _)| {
-            (sum + f64::from(grey), count + 1.0)
-        });
-        // What is brighter than noise makes it may be the tip of a neighbour.
-        if settings.level - sum / f64::max(count, 1.0) < NOISE_SIGMAS * settings.noise {
-            for slot in lone {
-                owners[slot] = Owner::Background;
-            }
-        }
-    }
+    let greys = rows
+        .clone()
+        .flat_map(|row| &image.row(row)[columns.clone()]);
+    drop_noise(&mut owners, width, greys, settings);
     let company = guard_neighbours(&mut owners, width, settings.guard);
     let Some(axes) = ellipse.axes() else {
         return company;
@@ -227,7 +213,32 @@ fn flood_dot(
     }
 }
 
-/// Bright pixels beside which no other is: noise beside a faint dot.
+/// Gives bright pixels that stand alone back to the background where they may be noise; `greys` are those of the owners. What is
+/// brighter than noise makes it may be the tip of a neighbour.
+fn drop_noise<'a>(
+    owners: &mut [Owner],
+    width: usize,
+    greys: impl Iterator<Item = &'a u16>,
+    settings: &WindowSettings,
+) {
+    let lone = lone(owners, width);
+    if lone.is_empty() {
+        return;
+    }
+    let dark = greys
+        .zip(owners.iter())
+        .filter(|(_, owner)| **owner == Owner::Background);
+    let (sum, count) = dark.fold((0.0, 0.0), |(sum, count), (&grey, _)| {
+        (sum + f64::from(grey), count + 1.0)
+    });
+    if settings.level - sum / f64::max(count, 1.0) < NOISE_SIGMAS * settings.noise {
+        for slot in lone {
+            owners[slot] = Owner::Background;
+        }
+    }
+}
+
+/// Bright pixels beside which no other is.
 fn lone(owners: &[Owner], width: usize) -> Vec<usize> {
     let is_lone = |slot: usize| {
         let column = slot % width;
