@@ -250,6 +250,7 @@ fn detect_json_is_the_contract_to_the_letter() {
                 "fit",
                 "margin",
                 "rivals",
+                "rival_odds",
                 "foreign_dots",
                 "departing_segments",
             ];

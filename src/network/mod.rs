@@ -228,8 +228,9 @@ impl Network {
         aside.or(doubt).map(String::as_str)
     }
 
-    /// Whether the network bears out a reading: its image is oriented, every dot is used under the code's own name, and other
-    /// images see these points too. The dots of a code that is read wrongly would lie elsewhere.
+    /// Whether the network bears out a reading: its image is oriented, its dots are used under the code's own name, and other
+    /// images see these points too. The dots of a code that is read wrongly would all lie elsewhere: one of several that the
+    /// adjustment rejects, as something hides part of it, speaks against that dot and not against the number.
     #[must_use]
     pub fn bears_out(&self, image: &ImageEntry, reading: usize) -> bool {
         /// Two rays pass each other closely anywhere on an epipolar line; a third does not by chance.
@@ -241,14 +242,18 @@ impl Network {
             return false;
         };
         let points = PointId::of_code(read.family, read.id);
-        read.dots.iter().zip(points).all(|(dot, point)| {
-            let used = image
-                .labels
-                .get(dot)
-                .is_some_and(|label| label.point == point && label.rejected.is_none());
-            let rays = self.points.get(&point).map_or(0, |point| point.rays);
-            used && rays >= LEAST_RAYS
-        })
+        let dots = read.dots.iter().zip(points);
+        let borne_out = dots
+            .filter(|(dot, point)| {
+                let used = image
+                    .labels
+                    .get(dot)
+                    .is_some_and(|label| label.point == *point && label.rejected.is_none());
+                let rays = self.points.get(point).map_or(0, |point| point.rays);
+                used && rays >= LEAST_RAYS
+            })
+            .count();
+        borne_out > 0 && borne_out + 1 >= read.dots.len()
     }
 
     /// Adds a finding unless the same one is there already.

@@ -180,7 +180,7 @@ mod tests {
             r#"[{"image":"a b.png","width_px":20,"height_px":10,"codes":[{"family":"dot420","id":17,"label":"C17","dots":[{"name":"O","x_px":6.0,"y_px":2.5,"sigma_px":0.02},{"name":"A","x_px":5.0,"#
         ), "{json}");
         assert!(json.contains(
-            r#"{"family":"ring14","id":57,"label":"R14-57","dots":[{"name":"O","x_px":0.0,"y_px":2.5,"sigma_px":0.02}],"doubt":null,"fit":0.0,"margin":null,"rivals":0,"foreign_dots":0,"departing_segments":0}"#
+            r#"{"family":"ring14","id":57,"label":"R14-57","dots":[{"name":"O","x_px":0.0,"y_px":2.5,"sigma_px":0.02}],"doubt":null,"fit":0.0,"margin":null,"rivals":0,"rival_odds":0.0,"foreign_dots":0,"departing_segments":0}"#
         ), "{json}");
         assert!(json.contains(
             r#""targets":[{"x_px":0.0,"y_px":2.5,"sigma_px":0.02,"major_px":8.0,"minor_px":6.0,"angle_deg":90.0,"label":"R14-57"},{"x_px":1.0,"#

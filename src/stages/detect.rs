@@ -1,6 +1,6 @@
 //! Detection: targets and codes of every image, a batch of images a step.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use rayon::prelude::*;
@@ -158,10 +158,8 @@ pub(super) fn findings(network: &Network) -> Vec<Finding> {
         if let Some(reason) = &image.unreadable {
             note(FindingKind::UnreadableImage, id, reason.clone());
         }
-        for reading in image.detections.iter().flat_map(|d| &d.codes) {
-            if let Some(text) = doubt_in_words(image, reading) {
-                note(FindingKind::DoubtfulCode, id, text);
-            }
+        for text in doubts(network, image) {
+            note(FindingKind::DoubtfulCode, id, text);
         }
     }
     let connectivity = Connectivity::of(network);
@@ -175,34 +173,47 @@ pub(super) fn findings(network: &Network) -> Vec<Finding> {
     findings
 }
 
-fn doubt_in_words(image: &ImageEntry, reading: &CodeReading) -> Option<String> {
-    let label = reading.family.code_label(reading.id);
-    let doubt = reading.doubt.as_ref()?;
-    Some(format!("{}: {label}: {doubt}", image.file.path))
+/// The readings of an image that detection doubts and the network does not bear out, a line for each doubt: many codes may share
+/// one, and the list must stay one that is read.
+fn doubts(network: &Network, image: &ImageEntry) -> Vec<String> {
+    let mut codes_of: BTreeMap<&str, Vec<String>> = BTreeMap::new();
+    let readings = image.detections.iter().flat_map(|d| &d.codes);
+    for (place, reading) in readings.enumerate() {
+        if let Some(doubt) = reading.doubt.as_deref()
+            && !network.bears_out(image, place)
+        {
+            let label = reading.family.code_label(reading.id);
+            codes_of.entry(doubt).or_default().push(label);
+        }
+    }
+    let lines = codes_of.iter();
+    lines
+        .map(|(doubt, codes)| format!("{}: {}: {doubt}", image.file.path, codes.join(", ")))
+        .collect()
 }
 
-/// Takes away the doubts of readings that the network bears out by now.
+/// Brings what is told of doubtful readings up to date with what the network bears out by now.
 pub(super) fn settle_doubts(network: &mut Network) {
-    let mut settled = BTreeSet::new();
+    let mut open = Vec::new();
     for (id, image) in network.used_images() {
-        let readings = image.detections.iter().flat_map(|d| &d.codes);
-        for (place, reading) in readings.enumerate() {
-            if let Some(text) = doubt_in_words(image, reading)
-                && network.bears_out(image, place)
-            {
-                settled.insert((id, text));
-            }
-        }
+        open.extend(doubts(network, image).into_iter().map(|text| Finding {
+            stage: Stage::Detect,
+            kind: FindingKind::DoubtfulCode,
+            about: About::Image(id),
+            text,
+        }));
     }
-    let is_settled = |finding: &Finding| match finding.about {
-        About::Image(id) if finding.kind == FindingKind::DoubtfulCode => {
-            settled.contains(&(id, finding.text.clone()))
-        }
-        _ => false,
-    };
-    if network.findings.iter().any(is_settled) {
-        Arc::make_mut(&mut network.findings).retain(|finding| !is_settled(finding));
+    if network.findings.iter().filter(|f| is_of_doubt(f)).eq(&open) {
+        return;
     }
+    let findings = Arc::make_mut(&mut network.findings);
+    let place = findings.iter().position(is_of_doubt).unwrap_or(0);
+    findings.retain(|finding| !is_of_doubt(finding));
+    findings.splice(place..place, open);
+}
+
+fn is_of_doubt(finding: &Finding) -> bool {
+    (finding.stage, finding.kind) == (Stage::Detect, FindingKind::DoubtfulCode)
 }
 
 fn missing_codes(
@@ -277,6 +288,27 @@ mod tests {
             found[0]
                 .text
                 .starts_with("the images fall into 2 groups of 2 and 2 images")
+        );
+    }
+
+    #[test]
+    fn codes_of_one_doubt_make_one_line() {
+        let mut network = images_that_show(&[&[1, 2, 3], &[1, 2, 3]]);
+        let image = network.image_mut(ImageId(1));
+        let detections = Arc::make_mut(image.detections.as_mut().unwrap());
+        for (reading, doubt) in detections.codes.iter_mut().zip(["a", "b", "a"]) {
+            reading.doubt = Some(doubt.to_owned());
+        }
+        let told = findings(&network);
+        assert_eq!(texts(&told), ["image1.png: C1, C3: a", "image1.png: C2: b"]);
+        settle_doubts(&mut network);
+        assert_eq!(*network.findings, told);
+        let detections = Arc::make_mut(network.image_mut(ImageId(1)).detections.as_mut().unwrap());
+        detections.codes[0].doubt = None;
+        settle_doubts(&mut network);
+        assert_eq!(
+            texts(&network.findings),
+            ["image1.png: C3: a", "image1.png: C2: b"]
         );
     }
 

@@ -184,7 +184,7 @@ impl Stage {
         for finding in findings {
             network.note(finding);
         }
-        if matches!(self, Stage::AdjustCodes | Stage::Adjust) {
+        if self >= Stage::Connect {
             detect::settle_doubts(&mut network);
         }
         let outcome = match failure {

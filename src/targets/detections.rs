@@ -68,6 +68,8 @@ pub struct CodeEvidence {
     /// `dot420`: other numbers that the picture would show as well if one dot of theirs were hidden and one of these six
     /// were a plain target.
     pub rivals: u32,
+    /// `dot420`: likelihood of those numbers together, as a multiple of the reading's; plain targets round the code raise it.
+    pub rival_odds: f64,
     /// `dot420`: dots near the code that belong to no code and may lie in its plane.
     pub foreign_dots: u32,
     /// Rings: segments whose grey level or edge departs from what the number says.

@@ -344,6 +344,8 @@ impl Judged {
                 fit: fit.standardised,
                 margin: self.second.map(|second| second / fit.standardised.max(0.1)),
                 rivals: self.surroundings.rivals,
+                // Infinite odds would not survive the project file.
+                rival_odds: self.surroundings.chance.min(1e9),
                 foreign_dots: self.surroundings.foreign,
                 departing_segments: 0,
             },

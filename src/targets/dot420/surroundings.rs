@@ -25,6 +25,9 @@ const RIVALS_BY_PAIRS: f64 = 100.0;
 /// A foreign dot this near to whole pitches (in x and in y) counts as standing on the code's own grid, pitches: one of
 /// seventeen does by chance.
 const ON_GRID_PITCHES: f64 = 0.12;
+/// The doubt of a reading whose rivals are too likely; how likely is in its evidence. It is the same for every code, so that those
+/// of a picture can be told together.
+const BY_ODDS: &str = "one of its dots may be a plain target in the stead of a hidden one, which would be another number";
 /// Middle of the square, pitches.
 const MIDDLE: f64 = 3.0;
 
@@ -170,11 +173,11 @@ impl Surroundings {
         const ROWS: u32 = 3;
         const ROWS_SHARE: u32 = 8;
         let Self {
-            rivals,
             foreign,
             on_grid,
             intruders,
             chance,
+            ..
         } = *self;
         if intruders > 0 {
             return Some(format!(
@@ -186,12 +189,7 @@ impl Surroundings {
                 "{on_grid} of the {foreign} foreign dots round it continue its grid: plain targets in rows?"
             ));
         }
-        (chance > rival_chance).then(|| {
-            format!(
-                "{rivals} other code(s) with a hidden dot would look the same if one of its dots was a plain target, \
-                 and {foreign} stand round it (odds {chance:.1e})"
-            )
-        })
+        (chance > rival_chance).then(|| BY_ODDS.to_owned())
     }
 }
 
