@@ -101,7 +101,7 @@ const READ_TWICE: &str = "its number is read twice in this picture";
 ///
 /// Where two readings claim one dot, the one with the smaller misfit gets the labels. Where two claim one number, none
 /// does: either may be wrong, and dots of a code that other images tell are named by identification.
-pub(super) fn adopt(image: &mut ImageEntry, detections: Detections) {
+pub fn adopt(image: &mut ImageEntry, detections: Detections) {
     let mut labels: BTreeMap<DotIndex, Label> = BTreeMap::new();
     let mut set_aside = BTreeMap::new();
     let mut order: Vec<usize> = (0..detections.codes.len()).collect();

@@ -32,6 +32,8 @@ mod trial;
 
 use std::sync::Arc;
 
+pub use detect::adopt;
+
 use crate::imaging::GreyImage;
 use crate::monitor::{Interrupted, Monitor};
 use crate::network::{

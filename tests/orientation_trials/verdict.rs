@@ -1,0 +1,185 @@
+//! What became of a random measurement.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use nalgebra::{Matrix3, Vector3};
+use tiepoint::geometry::{Scale, Similarity, fit_similarity};
+use tiepoint::imaging::GreyImage;
+use tiepoint::monitor::Monitor;
+use tiepoint::network::{About, Finding, FindingKind, ImageEntry, ImageId, Network, Stage};
+use tiepoint::stages::{Advance, Halt, Pictures};
+
+use super::scene::Scene;
+
+/// A station is right within so many predicted standard deviations and within this distance.
+const SIGMAS: f64 = 5.0;
+const LARGEST_MM: f64 = 20.0;
+
+/// Pictures that nobody may ask for.
+struct NoPictures;
+
+impl Pictures for NoPictures {
+    fn load(&self, image: &ImageEntry, _monitor: &Monitor) -> Result<GreyImage, String> {
+        Err(format!("{}: a trial has no pictures", image.file.path))
+    }
+}
+
+/// The stages from the first pair to the adjustment of the codes, as a session runs them.
+pub(crate) fn oriented(network: &Network) -> Network {
+    let stages = [Stage::FirstPair, Stage::Connect, Stage::AdjustCodes];
+    stages
+        .into_iter()
+        .fold(network.clone(), |mut network, stage| {
+            while let Some(step) = stage.next(&network) {
+                match step.run(&network, &NoPictures, &Monitor::new()) {
+                    Ok(Advance { network: after, .. }) => network = after,
+                    Err(Halt::Failed(error)) => return stage.conclude(&network, Some(&error)),
+                    Err(Halt::Interrupted) => unreachable!("nobody interrupts"),
+                }
+            }
+            stage.conclude(&network, None)
+        })
+}
+
+/// How the images of a measurement fared.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Verdict {
+    pub(crate) images: usize,
+    pub(crate) required: usize,
+    /// Oriented, and right.
+    pub(crate) right: usize,
+    /// Required, but not oriented right.
+    pub(crate) missed: Vec<ImageId>,
+    /// Oriented wrongly and not told: how far off, mm, and in predicted standard deviations.
+    pub(crate) wrong: Vec<(ImageId, f64, f64)>,
+    /// Oriented wrongly, but told to be doubtful.
+    pub(crate) doubted: Vec<ImageId>,
+    /// Left out without a reason.
+    pub(crate) silent: Vec<ImageId>,
+}
+
+impl Verdict {
+    pub(crate) fn of(scene: &Scene, network: &Network) -> Self {
+        let required = scene.required();
+        let mut verdict = Self {
+            images: scene.poses.len(),
+            required: required.len(),
+            ..Self::default()
+        };
+        let fit = fit(scene, network);
+        for (id, pose) in &scene.poses {
+            let image = &network.images[id];
+            let Some(station) = &image.station else {
+                if !has_reason(network, *id) {
+                    verdict.silent.push(*id);
+                }
+                if required.contains(id) {
+                    verdict.missed.push(*id);
+                }
+                continue;
+            };
+            let off = fit.as_ref().map_or(f64::INFINITY, |fit| {
+                (fit.apply(&station.pose.centre_in_world) - pose.centre_in_world).norm()
+            });
+            let sigma = station.covariance.as_ref().map_or(0.0, |covariance| {
+                let centre: Matrix3<f64> = covariance.fixed_view::<3, 3>(3, 3).into_owned();
+                let scale = fit.as_ref().map_or(1.0, |fit| fit.scale);
+                scale * centre.symmetric_eigenvalues().max().sqrt()
+            });
+            if off <= LARGEST_MM && off <= SIGMAS * sigma {
+                verdict.right += 1;
+                continue;
+            }
+            if required.contains(id) {
+                verdict.missed.push(*id);
+            }
+            if is_doubted(network, *id) {
+                verdict.doubted.push(*id);
+            } else {
+                verdict.wrong.push((*id, off, off / sigma));
+            }
+        }
+        verdict
+    }
+
+    pub(crate) fn holds(&self) -> bool {
+        self.missed.is_empty() && self.wrong.is_empty() && self.silent.is_empty()
+    }
+}
+
+fn about(network: &Network, id: ImageId) -> impl Iterator<Item = &Finding> {
+    let findings = network.findings.iter();
+    findings.filter(move |finding| finding.about == About::Image(id))
+}
+
+/// Whether something says why an image is not oriented: of itself, or of the whole measurement.
+fn has_reason(network: &Network, id: ImageId) -> bool {
+    let whole = network
+        .findings
+        .iter()
+        .any(|f| f.kind == FindingKind::StageFailed);
+    whole || about(network, id).any(|f| f.kind == FindingKind::UnconnectedImage)
+}
+
+/// Whether the operator is told that an orientation is doubtful, by its own finding or one on the whole network.
+fn is_doubted(network: &Network, id: ImageId) -> bool {
+    let of_all = |f: &&Finding| matches!(f.kind, FindingKind::Connectivity | FindingKind::Camera);
+    network
+        .findings
+        .iter()
+        .filter(of_all)
+        .any(|f| f.text.contains("doubtful"))
+        || about(network, id).any(|f| f.text.contains("doubtful"))
+}
+
+/// The best fit of the network onto the truth over what agrees: most of the points, then most of the stations.
+fn fit(scene: &Scene, network: &Network) -> Option<Similarity> {
+    let points = network
+        .points
+        .iter()
+        .filter_map(|(id, point)| Some((point.position, *scene.points.get(id)?)));
+    let stations = network.oriented_images().map(|(id, _, station)| {
+        (
+            station.pose.centre_in_world,
+            scene.poses[&id].centre_in_world,
+        )
+    });
+    let pairs: Vec<(Vector3<f64>, Vector3<f64>)> = points.chain(stations).collect();
+    let mut used = pairs.clone();
+    let mut best = fit_similarity(&used, Scale::Free).ok()?;
+    for _ in 0..20 {
+        let off = |pair: &(Vector3<f64>, Vector3<f64>)| (best.apply(&pair.0) - pair.1).norm();
+        let mut sorted: Vec<f64> = pairs.iter().map(off).collect();
+        sorted.sort_by(f64::total_cmp);
+        let limit = 3.0 * sorted[sorted.len() / 2] + 1e-6;
+        let kept: Vec<_> = pairs
+            .iter()
+            .filter(|pair| off(pair) <= limit)
+            .copied()
+            .collect();
+        let same = kept.len() == used.len();
+        used = kept;
+        best = fit_similarity(&used, Scale::Free).ok()?;
+        if same {
+            break;
+        }
+    }
+    Some(best)
+}
+
+/// Codes that images share, for the words on a failure.
+pub(crate) fn shared(scene: &Scene) -> BTreeMap<ImageId, usize> {
+    let mut seen: BTreeMap<_, BTreeSet<ImageId>> = BTreeMap::new();
+    for (id, shown) in &scene.shown {
+        for code in &shown.right {
+            seen.entry(*code).or_default().insert(*id);
+        }
+    }
+    let count =
+        |shown: &super::scene::Shown| shown.right.iter().filter(|c| seen[c].len() > 1).count();
+    scene
+        .shown
+        .iter()
+        .map(|(id, shown)| (*id, count(shown)))
+        .collect()
+}
