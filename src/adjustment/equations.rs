@@ -125,6 +125,7 @@ pub(super) fn distance_equation(
 }
 
 /// All equations at one state, by index of the observation; `None` for what is not imaged or does not take part.
+#[derive(Clone)]
 pub(super) struct Equations {
     pub(super) rays: Vec<Option<RayEquation>>,
     pub(super) distances: Vec<Option<DistanceEquation>>,

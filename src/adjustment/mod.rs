@@ -38,6 +38,7 @@ mod rejection;
 mod result;
 mod solver;
 mod statistics;
+mod step;
 
 #[cfg(test)]
 mod circle_tests;

@@ -1,18 +1,18 @@
 //! The iteration, driven by the caller: one call is one accepted step.
 
-use nalgebra::{DVector, Vector2, Vector3};
+use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::datum::{FreeMotions, move_onto_datum};
 use super::equations::{Equations, State, distance_equation, image_residuals, trial_residuals};
 use super::frame::move_into_frame;
-use super::layout::{Layout, PointRole};
+use super::layout::Layout;
 use super::normals::{Factor, Normals};
 use super::statistics::{self, median};
+use super::step::Step;
 use super::{
     Adjustment, AdjustmentError, BundleProblem, BundleSettings, ParameterState, RobustStart,
 };
-use crate::camera::InteriorOrientation;
 
 /// A rise of the cost by less than this part, or by less than the square of 1e-7 sigma an observation, is rounding.
 const ROUNDING_OF_COST: f64 = 1e-9;
@@ -98,6 +98,9 @@ pub struct BundleSolver {
     singular: usize,
     termination: Option<Termination>,
 }
+
+/// Parts of a bent step that are tried.
+const BENT_PARTS: [f64; 4] = [1.0, 0.5, 0.25, 0.1];
 
 /// A trial step that was accepted.
 struct Accepted {
@@ -310,14 +313,31 @@ impl BundleSolver {
                     if self.damping == 0.0 {
                         self.singular = 0;
                     }
-                    let state = self.moved(&kept, &normals);
-                    let trial = trial_residuals(&self.problem, &self.layout, &state, equations);
-                    let trial_cost = self.cost(&state, &trial, loss);
-                    if trial_cost <= allowed {
-                        let change = normals.predicted_change(&kept).max(0.0);
+                    let step = Step::of(kept, &normals, &self.layout);
+                    let with_cost = |state: State| {
+                        let trial = trial_residuals(&self.problem, &self.layout, &state, equations);
+                        let cost = self.cost(&state, &trial, loss);
+                        (state, cost)
+                    };
+                    let (straight, trial_cost) =
+                        with_cost(step.from(&self.state, &self.layout, 1.0));
+                    let lower = if trial_cost <= allowed {
+                        Some((straight, trial_cost))
+                    } else {
+                        let bent = self.bent_step(&step, equations, residuals, &weights, &free);
+                        bent.and_then(|bent| {
+                            let mut states = BENT_PARTS.iter().map(|&part| {
+                                let step = step.bent_towards(&bent, part);
+                                with_cost(step.from(&self.state, &self.layout, 1.0))
+                            });
+                            states.find(|(_, cost)| *cost <= allowed)
+                        })
+                    };
+                    if let Some((state, cost)) = lower {
+                        let change = normals.predicted_change(&step.kept).max(0.0);
                         return Ok(Some(Accepted {
                             state,
-                            cost: trial_cost,
+                            cost,
                             change: (change / (2.0 * observations).max(1.0)).sqrt(),
                             damping: self.damping,
                         }));
@@ -364,34 +384,39 @@ impl BundleSolver {
         }
     }
 
-    fn moved(&self, kept: &DVector<f64>, normals: &Normals) -> State {
-        let mut state = self.state.clone();
-        for (s, pose) in state.poses.iter_mut().enumerate() {
-            let at = 6 * s;
-            *pose = pose.moved(
-                &Vector3::new(kept[at], kept[at + 1], kept[at + 2]),
-                &Vector3::new(kept[at + 3], kept[at + 4], kept[at + 5]),
-            );
-        }
-        for (c, camera) in state.cameras.iter_mut().enumerate() {
-            let mut interior = camera.interior.to_vector();
-            for (k, &parameter) in self.layout.camera_free[c].iter().enumerate() {
-                interior[parameter] += kept[self.layout.camera_start[c] + k];
+    /// The step corrected for the curvature of the observations along it, by their second differences (geodesic acceleration;
+    /// Transtrum and Sethna, 2012): where a lens can hardly be told from the stations, the valley of the cost is narrow and bent,
+    /// and straight steps stay short.
+    ///
+    /// Cost: as the step itself, and two times the residuals.
+    fn bent_step(
+        &self,
+        step: &Step,
+        equations: &Equations,
+        residuals: &[Option<Vector2<f64>>],
+        weights: &[f64],
+        free: &FreeMotions,
+    ) -> Option<Step> {
+        /// Part of the step over which the differences are taken.
+        const PART: f64 = 0.1;
+        let [ahead, behind] = [PART, -PART].map(|part| {
+            let state = step.from(&self.state, &self.layout, part);
+            trial_residuals(&self.problem, &self.layout, &state, equations)
+        });
+        let mut bent = equations.clone();
+        let around = ahead.iter().zip(&behind).zip(residuals);
+        for (ray, ((ahead, behind), here)) in bent.rays.iter_mut().zip(around) {
+            if let (Some(ray), Some(here)) = (ray, here) {
+                let second = (*ahead)? + (*behind)? - 2.0 * here;
+                ray.residual += 0.5 * second / (PART * PART);
             }
-            camera.interior = InteriorOrientation::from_vector(&interior);
         }
-        for (p, role) in self.layout.roles.iter().enumerate() {
-            if let PointRole::Kept { start } = *role {
-                state.points[p] += Vector3::new(kept[start], kept[start + 1], kept[start + 2]);
-            }
-        }
-        let steps = normals.point_steps(&self.layout, kept);
-        for (frame, step) in self.layout.frames.iter().zip(steps) {
-            if let Some(step) = step {
-                state.points[frame.point] += step;
-            }
-        }
-        state
+        let (problem, layout) = (&self.problem, &self.layout);
+        let normals =
+            Normals::build(problem, layout, &self.state, &bent, weights, self.damping).ok()?;
+        let factor = Factor::new(&normals, layout, &self.state, free).ok()?;
+        let kept = factor.solve(&normals.right_side);
+        Some(Step::of(kept, &normals, layout))
     }
 
     /// The loss function of this iteration: the scale of the robust one follows the present residuals.
