@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::bundle::{Bundle, BundleFailure, DatumPoints, adjust_what_holds, restore_rejected};
 use super::circles::{self, SETTLED_PX};
 use super::code_shape::CodeShapes;
-use super::lens::{IMAGES_FOR_ALL, LensFreedom, images_of_cameras};
+use super::lens::LensFreedom;
 use super::scale::{
     align_to_control, apply_frame, bars_in_reach, keep_frame, leave_frame, transform,
 };
@@ -151,9 +151,6 @@ fn solve(
     let assemble = |network: &Network, freedom: LensFreedom| {
         Bundle::assemble(network, freedom, datum).in_frame(network, frame)
     };
-    let any_calibrated = images_of_cameras(network)
-        .values()
-        .any(|images| *images >= IMAGES_FOR_ALL);
     let loose_lens =
         |finding: &Finding| (finding.stage, finding.kind) == (stage, FindingKind::Camera);
     Arc::make_mut(&mut network.findings).retain(|finding| !loose_lens(finding));
@@ -163,7 +160,7 @@ fn solve(
         Err(BundleFailure {
             error: AdjustmentError::RankDefect { .. } | AdjustmentError::NotConverged(_),
             ..
-        }) if any_calibrated => {
+        }) => {
             network.note(Finding {
                 stage,
                 kind: FindingKind::Camera,

@@ -60,11 +60,13 @@ pub(super) fn parameter_states(
         match (entry.known_sigmas[parameter], freedom) {
             (Some(sigma), _) => ParameterState::Weighted { value, sigma },
             (None, LensFreedom::Free) if images >= IMAGES_FOR_ALL => ParameterState::Free,
-            (None, _) if images >= images_for(parameter) => ParameterState::Weighted {
+            (None, LensFreedom::Provisional) if images < images_for(parameter) => {
+                ParameterState::Fixed
+            }
+            (None, _) => ParameterState::Weighted {
                 value,
                 sigma: usual[parameter],
             },
-            (None, _) => ParameterState::Fixed,
         }
     })
 }
@@ -85,7 +87,8 @@ fn usual_sigmas(entry: &CameraEntry) -> [f64; 10] {
         camera.pixel_pitch_mm * f64::from(camera.width_px).hypot(f64::from(camera.height_px)) / 2.0;
     let distance_share = match entry.source {
         InteriorSource::Unknown => SEARCHED_DISTANCE_SHARE,
-        InteriorSource::CameraFile | InteriorSource::Exif => DISTANCE_SHARE,
+        InteriorSource::CameraFile => DISTANCE_SHARE,
+        InteriorSource::Exif => 2.0 * DISTANCE_SHARE,
     };
     let point = PRINCIPAL_POINT_SHARE * radius;
     let radial = |order: i32| RADIAL_SHARE / radius.powi(2 * order);
