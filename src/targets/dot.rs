@@ -8,7 +8,7 @@ use super::ellipse::{Axes, Ellipse, Nested};
 use super::finding::{Candidate, Kind};
 use super::fit::{Fit, Freedom, Rest, correct, drop_foreign, fit, slope_to_expect};
 use super::profile::{AMPLITUDE, Profile};
-use super::trust::{Leverage, Trust, trust};
+use super::trust::{Trust, trust};
 use super::window::{Company, WindowSettings, take_pixels};
 use crate::imaging::GreyImage;
 
@@ -168,7 +168,6 @@ impl Reach {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Room {
     pixels: Columns,
-    leverage: Leverage,
 }
 
 /// Measures a candidate.
@@ -271,7 +270,7 @@ fn measure_in(
     room: &mut Room,
 ) -> Result<MeasuredDot, String> {
     let unfitted = "no ellipse can be fitted";
-    let Room { pixels, leverage } = room;
+    let Room { pixels } = room;
     let origin = candidate.ellipse.centre;
     let (first, company) = first_fit(view, candidate, surroundings, pixels).ok_or(unfitted)?;
     plausible(candidate, &first)?;
@@ -288,7 +287,7 @@ fn measure_in(
     if is_bent(&second) {
         correct(pixels, &mut second);
     }
-    let trust = trust(pixels, &second, leverage).ok_or(unfitted)?;
+    let trust = trust(pixels, &second).ok_or(unfitted)?;
     judged(view, origin, &second, pixels, &trust, settings)
 }
 
