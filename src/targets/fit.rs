@@ -82,10 +82,46 @@ impl Rest {
         }
     }
 
+    /// A step that gains more is not taken without a look at where it leads.
+    fn blind_gain(self) -> f64 {
+        match self {
+            Rest::Rough => 10.0,
+            Rest::Fine => 5e-2,
+        }
+    }
+
+    /// Whether a step, after the one before it, ends so near to the minimum; misfits before it have this sum of squares.
+    fn is_reached(self, step: StepSize, before: Option<StepSize>, cost: f64) -> bool {
+        let next = before.map_or(step, |before| step.next(before));
+        next.moved < self.step()
+            && next.gain <= self.gain() * cost
+            && step.gain <= self.blind_gain() * cost
+    }
+
     fn first_damping(self) -> f64 {
         match self {
             Rest::Rough => 1e-3,
             Rest::Fine => 1e-5,
+        }
+    }
+}
+
+/// What a step does.
+#[derive(Clone, Copy)]
+struct StepSize {
+    /// To the centre, px.
+    moved: f64,
+    /// To the sum of the squared misfits, times the number of pixels.
+    gain: f64,
+}
+
+impl StepSize {
+    /// What the step after this one will do: they shrink at least as they did since the one before, because this one is damped less.
+    fn next(self, before: Self) -> Self {
+        let shrunk = |now: f64, before: f64| now * (now / before).min(1.0);
+        Self {
+            moved: shrunk(self.moved, before.moved),
+            gain: shrunk(self.gain, before.gain),
         }
     }
 }
@@ -113,26 +149,26 @@ pub(super) fn fit(
     let mut equations = build(pixels, &profile, freedom, clipping);
     let mut damping = rest.first_damping();
     let mut steps = 0;
+    let mut before = None;
     loop {
         let step = solve(&equations, damping)?;
-        let moved = step[0].hypot(step[1]);
-        let gain = step.dot(&equations.right) * equations.used as f64;
-        if moved < rest.step() && gain <= rest.gain() * equations.cost {
+        let size = StepSize {
+            moved: step[0].hypot(step[1]),
+            gain: step.dot(&equations.right) * equations.used as f64,
+        };
+        let next = stepped(&profile, &step);
+        let is_ellipse = next.ellipse().axes().is_some();
+        if is_ellipse && rest.is_reached(size, before, equations.cost) {
             // Too small to be worth another look at the pixels, and right all the same.
-            profile.parameters += step;
+            profile = next;
             break;
         }
         steps += 1;
         if steps > MOST_STEPS {
             return None;
         }
-        let mut next = profile;
-        next.parameters += step;
-        next.parameters[BLUR] = next.parameters[BLUR].max(LEAST_BLUR);
-        let tried = next
-            .ellipse()
-            .axes()
-            .map(|_| build(pixels, &next, freedom, clipping));
+        let moved = size.moved;
+        let tried = is_ellipse.then(|| build(pixels, &next, freedom, clipping));
         match tried {
             Some(tried) if tried.cost <= equations.cost => {
                 // What the sums cannot tell apart, or the least blur holds back, is at rest too.
@@ -140,6 +176,7 @@ pub(super) fn fit(
                 (profile, base) = (next, next);
                 equations = tried;
                 damping *= 0.1;
+                before = Some(size);
                 if small_gain && moved < 10.0 * rest.step() {
                     break;
                 }
@@ -148,6 +185,7 @@ pub(super) fn fit(
                 if moved < rest.step() {
                     break;
                 }
+                before = None;
                 damping = (damping * 10.0).max(1e-6);
                 if damping > 1e8 {
                     return None;
@@ -164,6 +202,14 @@ pub(super) fn fit(
         normal: equations.normal,
         base,
     })
+}
+
+/// The profile after a step.
+fn stepped(profile: &Profile, step: &Parameters) -> Profile {
+    let mut next = *profile;
+    next.parameters += step;
+    next.parameters[BLUR] = next.parameters[BLUR].max(LEAST_BLUR);
+    next
 }
 
 fn build(
@@ -290,9 +336,7 @@ pub(super) fn correct(pixels: &mut Columns, fit: &mut Fit) {
         let Some(step) = solve(&equations, 0.0) else {
             return;
         };
-        let mut next = fit.profile;
-        next.parameters += step;
-        next.parameters[BLUR] = next.parameters[BLUR].max(LEAST_BLUR);
+        let next = stepped(&fit.profile, &step);
         if step[0].hypot(step[1]) < SMALL {
             fit.profile = next;
             pixels.take_step(&step);
