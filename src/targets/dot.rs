@@ -129,6 +129,8 @@ const RIM_MARGIN: f64 = 1.6;
 const RIM_GUARD: f64 = 1.0;
 /// First guess of the blur, px: that of a sharp lens on whole pixels.
 const FIRST_BLUR: f64 = 0.8;
+/// With a blur larger than this pixels of the edge may have been taken for the core's, and more background is needed.
+const SAME_BLUR: f64 = 1.2 * FIRST_BLUR;
 /// The window reaches at least this far from the edge, px: with less background its slope cannot be told from a shift.
 const LEAST_MARGIN: f64 = 5.0;
 /// The window reaches no farther than this from the edge, px.
@@ -160,6 +162,14 @@ impl Reach {
                 .max(0.6 * radius)
                 .clamp(LEAST_MARGIN, LARGEST_MARGIN),
             guard: (2.2 * blur + 0.7).clamp(2.0, 6.0),
+        }
+    }
+
+    /// Before the blur is known: far enough for all blurs that need no second look.
+    fn first(candidate: &Candidate) -> Self {
+        Self {
+            margin: Self::of(SAME_BLUR, candidate).margin,
+            ..Self::of(FIRST_BLUR, candidate)
         }
     }
 }
@@ -329,7 +339,7 @@ fn first_fit(
     let guess = Profile::new(&ellipse, FIRST_BLUR, 0.0, 1.0);
     let (margin, guard, off_edge, freedom) = match surroundings {
         Surroundings::Open => {
-            let Reach { margin, guard } = Reach::of(FIRST_BLUR, candidate);
+            let Reach { margin, guard } = Reach::first(candidate);
             (margin, guard, -1.5, Freedom::Even)
         }
         Surroundings::Rim if is_small(candidate) => {
@@ -394,13 +404,11 @@ fn second_fit(
     const CORE_FOR_SLOPE: f64 = 5.0;
     /// A guard wrong by less, px, is good enough.
     const SAME_GUARD: f64 = 0.3;
-    /// With a blur this much larger than the first guess pixels of the edge may have been taken for the core's.
-    const SAME_BLUR: f64 = 1.2 * FIRST_BLUR;
     let blur = first.profile.blur();
     let Reach { margin, guard } = Reach::of(blur, candidate);
-    let taken = Reach::of(FIRST_BLUR, candidate);
-    let guarded = company == Company::Alone || (guard - taken.guard).abs() <= SAME_GUARD;
-    if margin > taken.margin || blur > SAME_BLUR || !guarded {
+    let taken = Reach::first(candidate).guard;
+    let guarded = company == Company::Alone || (guard - taken).abs() <= SAME_GUARD;
+    if blur > SAME_BLUR || !guarded {
         let window = WindowSettings {
             origin: candidate.ellipse.centre,
             level: candidate.level,
