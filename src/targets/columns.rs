@@ -155,28 +155,47 @@ impl Columns {
     ) {
         /// So many at a time: what is read of a column serves for several sums.
         const OWN: usize = 2;
-        const OTHERS: usize = 4;
+        const MOST: usize = 5;
         for first in (0..parameters.len()).step_by(OWN) {
             let last = (first + OWN).min(parameters.len());
             let own =
                 std::array::from_fn(|next| &self.by[parameters[(first + next).min(last - 1)]][..]);
-            // The misfits come after the parameters, and fill the others up.
-            let other = |slot: usize| match slot < last {
-                true => &self.by[parameters[slot]][..],
-                false => &self.misfit,
-            };
-            let mut sums = [[0.0; PARAMETERS + OTHERS]; OWN];
-            for begin in (0..=last).step_by(OTHERS) {
-                let others = std::array::from_fn(|next| other(begin + next));
-                let found = sums_of_products::<OWN, OTHERS>(own, others);
-                for (sums, found) in sums.iter_mut().zip(found) {
-                    sums[begin..begin + OTHERS].copy_from_slice(&found);
-                }
+            let mut sums = [[0.0; PARAMETERS + 1]; OWN];
+            let mut begin = 0;
+            while begin <= last {
+                // As few steps as there can be, of much the same size.
+                let left = last + 1 - begin;
+                begin += match left.div_ceil(left.div_ceil(MOST)) {
+                    MOST => self.sums_of::<OWN, MOST>(own, parameters, [begin, last], &mut sums),
+                    4 => self.sums_of::<OWN, 4>(own, parameters, [begin, last], &mut sums),
+                    _ => self.sums_of::<OWN, 3>(own, parameters, [begin, last], &mut sums),
+                };
             }
             for (slot, sums) in (first..last).zip(&sums) {
                 put(slot, sums[last], &sums[..=slot]);
             }
         }
+    }
+
+    /// Sums of the products of columns with `OTHERS` from `begin` on: those of the first parameters until `last`, then the
+    /// misfits.
+    fn sums_of<const OWN: usize, const OTHERS: usize>(
+        &self,
+        own: [&[Lanes]; OWN],
+        parameters: &[usize],
+        [begin, last]: [usize; 2],
+        sums: &mut [[f64; PARAMETERS + 1]; OWN],
+    ) -> usize {
+        let others: [&[Lanes]; OTHERS] = std::array::from_fn(|next| match begin + next < last {
+            true => &self.by[parameters[begin + next]][..],
+            false => &self.misfit[..],
+        });
+        for (sums, found) in sums.iter_mut().zip(sums_of_products(own, others)) {
+            for (sum, found) in sums[begin..].iter_mut().zip(found) {
+                *sum = found;
+            }
+        }
+        OTHERS
     }
 
     /// Number of pixels that count.
