@@ -26,6 +26,8 @@ pub(super) struct Columns {
     coarse: usize,
     /// The first pixels: those that are evaluated.
     used: usize,
+    /// The first lanes: on the others the edge has no effect.
+    bent: usize,
     x: Vec<f32>,
     y: Vec<f32>,
     grey: Vec<f32>,
@@ -158,17 +160,17 @@ impl Columns {
         const MOST: usize = 5;
         for first in (0..parameters.len()).step_by(OWN) {
             let last = (first + OWN).min(parameters.len());
-            let own =
-                std::array::from_fn(|next| &self.by[parameters[(first + next).min(last - 1)]][..]);
+            let own = std::array::from_fn(|next| parameters[(first + next).min(last - 1)]);
             let mut sums = [[0.0; PARAMETERS + 1]; OWN];
             let mut begin = 0;
             while begin <= last {
-                // As few steps as there can be, of much the same size.
-                let left = last + 1 - begin;
+                let others = &parameters[begin..last];
+                // As few steps as there can be, of much the same size; the misfits come last.
+                let left = others.len() + 1;
                 begin += match left.div_ceil(left.div_ceil(MOST)) {
-                    MOST => self.sums_of::<OWN, MOST>(own, parameters, [begin, last], &mut sums),
-                    4 => self.sums_of::<OWN, 4>(own, parameters, [begin, last], &mut sums),
-                    _ => self.sums_of::<OWN, 3>(own, parameters, [begin, last], &mut sums),
+                    MOST => self.sums_of::<OWN, MOST>(own, others, &mut sums, begin),
+                    4 => self.sums_of::<OWN, 4>(own, others, &mut sums, begin),
+                    _ => self.sums_of::<OWN, 3>(own, others, &mut sums, begin),
                 };
             }
             for (slot, sums) in (first..last).zip(&sums) {
@@ -177,18 +179,27 @@ impl Columns {
         }
     }
 
-    /// Sums of the products of columns with `OTHERS` from `begin` on: those of the first parameters until `last`, then the
-    /// misfits.
+    /// Sums of the products of the derivatives by some parameters with those by the first `OTHERS` others, or with the misfits
+    /// where there are fewer; puts them from this place on. Returns their number.
     fn sums_of<const OWN: usize, const OTHERS: usize>(
         &self,
-        own: [&[Lanes]; OWN],
-        parameters: &[usize],
-        [begin, last]: [usize; 2],
+        own: [usize; OWN],
+        others: &[usize],
         sums: &mut [[f64; PARAMETERS + 1]; OWN],
+        begin: usize,
     ) -> usize {
-        let others: [&[Lanes]; OTHERS] = std::array::from_fn(|next| match begin + next < last {
-            true => &self.by[parameters[begin + next]][..],
-            false => &self.misfit[..],
+        let of_edge = |parameter: &usize| !(BACKGROUND..AMPLITUDE).contains(parameter);
+        let edge_alone = own.iter().all(of_edge)
+            || others.len() >= OTHERS && others[..OTHERS].iter().all(of_edge);
+        let lanes = match edge_alone {
+            true => self.bent,
+            false => self.misfit.len(),
+        };
+        let own = own.map(|parameter| &self.by[parameter][..lanes]);
+        let others: [&[Lanes]; OTHERS] = std::array::from_fn(|next| {
+            others
+                .get(next)
+                .map_or(&self.misfit[..], |&parameter| &self.by[parameter])
         });
         for (sums, found) in sums.iter_mut().zip(sums_of_products(own, others)) {
             for (sum, found) in sums[begin..].iter_mut().zip(found) {
@@ -298,6 +309,7 @@ impl Columns {
         let (xs, ys) = (self.x.as_chunks().0, self.y.as_chunks().0);
         let greys = self.grey.as_chunks().0;
         let lanes = self.counts.len();
+        self.bent = 0;
         for lane in 0..lanes {
             let (x, y) = (Lanes(xs[lane]), Lanes(ys[lane]));
             let grey = Lanes(greys[lane]);
@@ -309,6 +321,9 @@ impl Columns {
             let mut counts = grey.zip(at.value, dimmer);
             if lane + 1 == lanes {
                 counts *= within(self.used - lane * LANES);
+            }
+            if !at.is_flat {
+                self.bent = lane + 1;
             }
             self.blurs[lane] = at.blurs;
             self.counts[lane] = counts;
@@ -361,6 +376,8 @@ struct At {
     value: Lanes,
     blurs: Lanes,
     share: Lanes,
+    /// Whether all of them lie so far out that the edge has no effect.
+    is_flat: bool,
     /// Derivatives by centre, shape and blur.
     by_edge: [Lanes; 6],
 }
@@ -405,6 +422,7 @@ impl Coefficients {
                 value: background,
                 blurs,
                 share: Lanes::ZERO,
+                is_flat: true,
                 by_edge: [Lanes::ZERO; 6],
             };
         }
@@ -418,6 +436,7 @@ impl Coefficients {
             value: background + amplitude * share,
             blurs,
             share,
+            is_flat: false,
             by_edge: [
                 -(two * by_square * gx + by_gradient * hx),
                 -(two * by_square * gy + by_gradient * hy),

@@ -28,6 +28,8 @@ pub(super) struct WindowSettings {
 const CORE_BLURS: f64 = 4.0;
 /// About this many of them are kept.
 const CORE_PIXELS: f64 = 300.0;
+/// The edge may be so many times more blurred than the profile says.
+const MORE_BLUR: f64 = 1.2;
 /// Where half a dot's height is fewer sigmas of the noise, a bright pixel that stands alone on the slope of its blur is noise.
 const NOISE_SIGMAS: f64 = 12.0;
 
@@ -124,7 +126,7 @@ pub(super) fn take_pixels<'a>(
     let Some(seen) = Nested::of(&ellipse, settings.margin) else {
         return company;
     };
-    let edge = Nested::of(&ellipse, f64::from(FLAT) * profile.blur());
+    let edge = Nested::of(&ellipse, f64::from(FLAT) * MORE_BLUR * profile.blur());
     let (mut between, mut far) = (Vec::new(), Vec::new());
     let inner = Nested::of(&ellipse, -CORE_BLURS * profile.blur()).filter(|_| stride > 1);
     for row in 0..rows.len() {
