@@ -148,17 +148,18 @@ impl Columns {
         weight
     }
 
-    /// For some parameters, in their order, [`Self::pull`] and the sums of the derivatives times those by the parameters up to
-    /// it: the lower half of the normal equations. Calls `put` with each parameter, its pull and its sums.
+    /// For the parameters from `known` on, in their order, [`Self::pull`] and the sums of the derivatives times those by the
+    /// parameters up to it: the lower half of the normal equations. Calls `put` with each one's place, its pull and its sums.
     pub(super) fn normal_equations(
         &self,
         parameters: &[usize],
+        known: usize,
         mut put: impl FnMut(usize, f64, &[f64]),
     ) {
         /// So many at a time: what is read of a column serves for several sums.
         const OWN: usize = 2;
         const MOST: usize = 5;
-        for first in (0..parameters.len()).step_by(OWN) {
+        for first in (known..parameters.len()).step_by(OWN) {
             let last = (first + OWN).min(parameters.len());
             let own = std::array::from_fn(|next| parameters[(first + next).min(last - 1)]);
             let mut sums = [[0.0; PARAMETERS + 1]; OWN];

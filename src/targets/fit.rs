@@ -47,8 +47,8 @@ pub(super) struct Fit {
     /// The pixels that were used, without clipped ones.
     pub(super) used: usize,
     freedom: Freedom,
-    normal: Normal,
-    /// Where the normal equations were made: less than a step at rest away.
+    equations: Equations,
+    /// Where the equations were made: less than a step at rest away.
     base: Profile,
 }
 
@@ -126,7 +126,7 @@ impl StepSize {
     }
 }
 
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 struct Equations {
     /// Whether slopes of the amplitude move.
     slopes: bool,
@@ -199,7 +199,7 @@ pub(super) fn fit(
         residual: (equations.cost / redundancy).sqrt(),
         used: equations.used,
         freedom,
-        normal: equations.normal,
+        equations,
         base,
     })
 }
@@ -219,23 +219,29 @@ fn build(
     clipping: Option<f64>,
 ) -> Equations {
     pixels.evaluate(profile, clipping);
-    let mut normal = Normal::identity();
-    let mut right = Parameters::zeros();
-    let parameters = freedom.parameters();
-    pixels.normal_equations(parameters, |slot, pull, sums| {
-        let i = parameters[slot];
-        right[i] = pull;
-        for (&j, &sum) in parameters.iter().zip(sums) {
-            normal[(i, j)] = sum;
-            normal[(j, i)] = sum;
-        }
-    });
-    Equations {
+    let mut equations = Equations {
         slopes: freedom == Freedom::Sloping,
-        normal,
-        right,
+        normal: Normal::identity(),
+        right: Parameters::zeros(),
         cost: pixels.cost(),
         used: pixels.counting(),
+    };
+    equations.take(pixels, freedom, 0);
+    equations
+}
+
+impl Equations {
+    /// Takes in the sums over the pixels for the parameters of a fit from `known` on.
+    fn take(&mut self, pixels: &Columns, freedom: Freedom, known: usize) {
+        let parameters = freedom.parameters();
+        pixels.normal_equations(parameters, known, |slot, pull, sums| {
+            let i = parameters[slot];
+            self.right[i] = pull;
+            for (&j, &sum) in parameters.iter().zip(sums) {
+                self.normal[(i, j)] = sum;
+                self.normal[(j, i)] = sum;
+            }
+        });
     }
 }
 
@@ -273,7 +279,12 @@ fn unit_scale(normal: &Normal) -> Option<Parameters> {
 /// Whether an amplitude that slopes explains more than noise would let it, to first order from an even one at rest (a
 /// score test): the gain of the next step with two more parameters, as a value of F.
 pub(super) fn slope_to_expect(pixels: &mut Columns, even: &Fit, clipping: Option<f64>) -> f64 {
-    let sloping = build(pixels, &even.base, Freedom::Sloping, clipping);
+    even.fill(pixels, clipping);
+    let mut sloping = Equations {
+        slopes: true,
+        ..even.equations
+    };
+    sloping.take(pixels, Freedom::Sloping, EVEN);
     // What is left to gain by the other parameters alone: next to nothing, but so may be the rest.
     let held = Equations {
         slopes: false,
@@ -327,11 +338,9 @@ pub(super) fn correct(pixels: &mut Columns, fit: &mut Fit) {
             right[parameter] = pixels.pull(parameter);
         }
         let equations = Equations {
-            slopes: fit.freedom == Freedom::Sloping,
-            normal: fit.normal,
             right,
             cost,
-            used: fit.used,
+            ..fit.equations
         };
         let Some(step) = solve(&equations, 0.0) else {
             return;
@@ -372,8 +381,8 @@ impl Fit {
 
     /// Inverse of the normal equations, zero for parameters that were held.
     pub(super) fn cofactor(&self) -> Option<Normal> {
-        let scale = unit_scale(&self.normal)?;
-        let scaled = Normal::from_fn(|i, j| self.normal[(i, j)] * scale[i] * scale[j]);
+        let scale = unit_scale(&self.equations.normal)?;
+        let scaled = Normal::from_fn(|i, j| self.equations.normal[(i, j)] * scale[i] * scale[j]);
         let inverse = if self.freedom == Freedom::Sloping {
             scaled.cholesky()?.inverse()
         } else {
