@@ -1,7 +1,7 @@
 //! Least-squares fit of a dot's profile by Levenberg-Marquardt steps.
 
 use bytemuck::cast_slice;
-use nalgebra::SMatrix;
+use nalgebra::{Cholesky, Const, SMatrix, SVector};
 
 use super::columns::Columns;
 use super::profile::{BLUR, PARAMETERS, Parameters, Profile};
@@ -245,36 +245,57 @@ impl Equations {
     }
 }
 
-/// The step of the damped equations, scaled to unit diagonal.
+/// The step of the damped equations.
 fn solve(equations: &Equations, damping: f64) -> Option<Parameters> {
-    let scale = unit_scale(&equations.normal)?;
-    let mut scaled = Normal::from_fn(|i, j| equations.normal[(i, j)] * scale[i] * scale[j]);
-    for i in 0..PARAMETERS {
-        scaled[(i, i)] += damping;
-    }
-    let right = equations.right.component_mul(&scale);
-    // The last rows of a fit without slopes of the amplitude are those of the unit matrix.
-    let step = if equations.slopes {
-        scaled.cholesky()?.solve(&right)
-    } else {
-        let leading = scaled.fixed_view::<EVEN, EVEN>(0, 0).into_owned();
-        let step = leading.cholesky()?.solve(&right.fixed_rows::<EVEN>(0));
-        Parameters::from_fn(|parameter, _| match parameter < EVEN {
-            true => step[parameter],
-            false => 0.0,
-        })
-    };
-    let step = step.component_mul(&scale);
+    let step = match equations.slopes {
+        true => step_of_first::<PARAMETERS>(equations, damping),
+        false => step_of_first::<EVEN>(equations, damping),
+    }?;
     step.iter().all(|value| value.is_finite()).then_some(step)
 }
 
-fn unit_scale(normal: &Normal) -> Option<Parameters> {
-    let diagonal = normal.diagonal();
-    diagonal
-        .iter()
-        .all(|&value| value > 0.0)
-        .then(|| diagonal.map(|value| value.sqrt().recip()))
+fn step_of_first<const FIRST: usize>(equations: &Equations, damping: f64) -> Option<Parameters> {
+    let (factor, scale) = factored::<FIRST>(&equations.normal, damping)?;
+    let mut scaled = scale;
+    for (scaled, right) in scaled.iter_mut().zip(&equations.right) {
+        *scaled *= right;
+    }
+    factor.solve_mut(&mut scaled);
+    let mut step = Parameters::zeros();
+    for (step, (scaled, scale)) in step.iter_mut().zip(scaled.iter().zip(&scale)) {
+        *step = scaled * scale;
+    }
+    Some(step)
 }
+
+fn cofactor_of_first<const FIRST: usize>(normal: &Normal) -> Option<Normal> {
+    let (factor, scale) = factored::<FIRST>(normal, 0.0)?;
+    let inverse = factor.inverse();
+    let mut cofactor = Normal::zeros();
+    for i in 0..FIRST {
+        for j in 0..FIRST {
+            cofactor[(i, j)] = inverse[(i, j)] * scale[i] * scale[j];
+        }
+    }
+    Some(cofactor)
+}
+
+/// The equations of the first parameters, scaled to unit diagonal and damped, as a factor, and the scale.
+fn factored<const FIRST: usize>(normal: &Normal, damping: f64) -> Option<Factored<FIRST>> {
+    let mut scale = SVector::<f64, FIRST>::zeros();
+    for (slot, scale) in scale.iter_mut().enumerate() {
+        let value = Some(normal[(slot, slot)]).filter(|&value| value > 0.0)?;
+        *scale = value.sqrt().recip();
+    }
+    let mut scaled =
+        SMatrix::<f64, FIRST, FIRST>::from_fn(|i, j| normal[(i, j)] * scale[i] * scale[j]);
+    for slot in 0..FIRST {
+        scaled[(slot, slot)] += damping;
+    }
+    Some((scaled.cholesky()?, scale))
+}
+
+type Factored<const FIRST: usize> = (Cholesky<f64, Const<FIRST>>, SVector<f64, FIRST>);
 
 /// Whether an amplitude that slopes explains more than noise would let it, to first order from an even one at rest (a
 /// score test): the gain of the next step with two more parameters, as a value of F.
@@ -381,21 +402,15 @@ impl Fit {
 
     /// Inverse of the normal equations, zero for parameters that were held.
     pub(super) fn cofactor(&self) -> Option<Normal> {
-        let scale = unit_scale(&self.equations.normal)?;
-        let scaled = Normal::from_fn(|i, j| self.equations.normal[(i, j)] * scale[i] * scale[j]);
-        let inverse = if self.freedom == Freedom::Sloping {
-            scaled.cholesky()?.inverse()
-        } else {
-            let leading = scaled.fixed_view::<EVEN, EVEN>(0, 0).into_owned();
-            let inverse = leading.cholesky()?.inverse();
-            let mut whole = Normal::zeros();
-            whole.fixed_view_mut::<EVEN, EVEN>(0, 0).copy_from(&inverse);
-            whole
-        };
+        let normal = &self.equations.normal;
+        let inverse = match self.equations.slopes {
+            true => cofactor_of_first::<PARAMETERS>(normal),
+            false => cofactor_of_first::<EVEN>(normal),
+        }?;
         let mut cofactor = Normal::zeros();
         for &i in self.parameters() {
             for &j in self.parameters() {
-                cofactor[(i, j)] = inverse[(i, j)] * scale[i] * scale[j];
+                cofactor[(i, j)] = inverse[(i, j)];
             }
         }
         Some(cofactor)
