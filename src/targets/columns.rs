@@ -8,7 +8,6 @@
 //! Cost: pixels x (40 operations + active parameters squared / 2).
 
 use bytemuck::cast_slice;
-use nalgebra::Vector2;
 use pulp::NullaryFnOnce;
 
 use super::exact::Shares;
@@ -92,11 +91,6 @@ impl Columns {
     /// Number of pixels.
     pub(super) fn len(&self) -> usize {
         self.count
-    }
-
-    /// Place of a pixel's centre, px.
-    pub(super) fn place(&self, slot: usize) -> Vector2<f64> {
-        Vector2::new(f64::from(self.x[slot]), f64::from(self.y[slot]))
     }
 
     /// Columns of the pixels' centres, px.
@@ -496,6 +490,7 @@ fn exp2(x: Lanes) -> Lanes {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector2;
     use statrs::function::erf::erfc;
 
     use super::super::ellipse::{Axes, Ellipse};
@@ -568,7 +563,7 @@ mod tests {
         for slot in 0..places.len() {
             // What the columns say of the centre they say of the place beside it.
             let beside = if slot == 5 { 4 } else { slot };
-            let place = columns.place(beside);
+            let place = Vector2::new(columns.x[beside], columns.y[beside]).map(f64::from);
             let curvature = curvature(&profile, place);
             let expected = value(&profile, place, curvature);
             let found = 50.0 - of(&columns.misfit, slot);

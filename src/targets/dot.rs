@@ -372,13 +372,16 @@ fn first_fit(
 fn first_grey_values(pixels: &Columns, guess: &Profile, off_edge: f64) -> Option<(f64, f64)> {
     let ellipse = guess.ellipse();
     let dark = Nested::of(&ellipse, -off_edge)?;
+    let bright = Nested::at_level(&ellipse, 0.75);
     let room = || Vec::with_capacity(pixels.len());
     let (mut outside, mut inside) = (room(), room());
-    for (slot, &grey) in pixels.greys().iter().enumerate().take(pixels.len()) {
-        let place = pixels.place(slot);
+    let [xs, ys] = pixels.places();
+    let all = xs.iter().zip(ys).zip(pixels.greys());
+    for ((&x, &y), &grey) in all.take(pixels.len()) {
+        let place = Vector2::new(f64::from(x), f64::from(y));
         if !dark.holds(place) {
             outside.push(grey);
-        } else if ellipse.level(place) < 0.75 {
+        } else if bright.holds(place) {
             inside.push(grey);
         }
     }
