@@ -254,13 +254,17 @@ impl Columns {
         }
     }
 
-    /// Keeps the pixels for whose distance from the edge, in blurs, and misfit `keep` holds, in their order.
+    /// Keeps the pixels for whose distance from the edge, in blurs, and misfit `keep` holds, in their order: mostly all.
     pub(super) fn retain(&mut self, keep: impl Fn(f32, f32) -> bool) {
         let [blurs, misfits] =
             [&self.blurs, &self.misfit].map(|column| cast_slice::<_, f32>(column));
-        let mut kept = 0;
-        for slot in 0..self.count {
-            if keep(blurs[slot], misfits[slot]) {
+        let both = blurs.iter().zip(misfits).take(self.count);
+        let first = both
+            .clone()
+            .position(|(&blurs, &misfit)| !keep(blurs, misfit));
+        let mut kept = first.unwrap_or(self.count);
+        for (slot, (&blurs, &misfit)) in both.enumerate().skip(kept) {
+            if keep(blurs, misfit) {
                 self.x[kept] = self.x[slot];
                 self.y[kept] = self.y[slot];
                 self.grey[kept] = self.grey[slot];
