@@ -204,6 +204,8 @@ fn doubt(
     /// Largest difference from the picture of its number that nothing speaks against, as a share of the contrast.
     const LARGEST_MISFIT: f64 = 0.1;
     const LARGEST_SLOPE: f64 = 0.7;
+    /// Change of the ground from the middle to the edge of the ring: what lies over half of a code looks like more.
+    const LARGEST_GROUND_SLOPE: f64 = 0.08;
     if let Some(rival) = rival {
         return Some(format!("reads as ring{} as well", rival.segments()));
     }
@@ -219,6 +221,9 @@ fn doubt(
             found.departing_segments,
             best.segments()
         ));
+    }
+    if best.ground_slope() > LARGEST_GROUND_SLOPE {
+        return Some("the ground grows lighter across the ring".into());
     }
     if best.slope() > LARGEST_SLOPE {
         return Some("the light falls off across the ring".into());
