@@ -49,12 +49,30 @@ impl CoverShape {
     }
 }
 
-/// A sector of a ring that is dark or light instead of what it should be: from `start`, `width` segments.
+/// A sector of a ring, less than half of it, that is dark or light instead of what it should be.
 #[derive(Clone, Copy)]
 pub(super) struct Sector {
-    pub(super) start: f64,
-    pub(super) width: f64,
-    pub(super) light: bool,
+    /// Where it starts and ends, in the plane as seen.
+    ends: [Vector2<f64>; 2],
+    light: bool,
+}
+
+impl Sector {
+    /// From `start` on, `width` of a ring's segments.
+    pub(super) fn new(segments: u8, start: f64, width: f64, light: bool) -> Self {
+        let ends = [start, start + width].map(|turn| towards(turn / f64::from(segments)));
+        Self { ends, light }
+    }
+
+    fn holds(&self, seen: &Vector2<f64>) -> bool {
+        self.ends[0].perp(seen) >= 0.0 && self.ends[1].perp(seen) < 0.0
+    }
+}
+
+/// The direction clockwise as seen from the plane's x axis, by a share of the turn; y down.
+fn towards(turn: f64) -> Vector2<f64> {
+    let (sin, cos) = (TAU * turn).sin_cos();
+    Vector2::new(cos, sin)
 }
 
 #[derive(Clone)]
@@ -64,18 +82,24 @@ pub(super) struct Ring {
     pub(super) bits: u32,
     pub(super) id: u32,
     pub(super) sector: Option<Sector>,
+    /// Where the segments of the first half of the turn begin, in the plane as seen.
+    pub(super) begins: Vec<Vector2<f64>>,
 }
 
 impl Ring {
     pub(super) fn any(segments: u8, view: PlaneView, random: &mut ChaCha8Rng) -> Self {
         let table = ring_table(segments);
         let index = random.random_range(0..table.len());
+        let begins = 0..segments / 2;
         Self {
             view,
             segments,
             bits: table[index],
             id: index as u32 + 1,
             sector: None,
+            begins: begins
+                .map(|k| towards(f64::from(k) / f64::from(segments)))
+                .collect(),
         }
     }
 
@@ -90,16 +114,29 @@ impl Ring {
             return None;
         }
         let count = u32::from(self.segments);
-        // Clockwise as seen, from the plane's x axis.
-        let turn = (-plane.y).atan2(plane.x).rem_euclid(TAU) / TAU * f64::from(count);
-        let segment = (turn as u32).min(count - 1);
+        let seen = Vector2::new(plane.x, -plane.y);
+        let segment = self.segment(seen);
         if let Some(sector) = &self.sector
-            && (turn - sector.start).rem_euclid(f64::from(count)) < sector.width
+            && sector.holds(&seen)
         {
             return Some((2 + count + segment, sector.light));
         }
-        let light = (self.bits >> (count - 1 - segment)) & 1 == 1;
-        Some((2 + segment, light))
+        Some((2 + segment, self.is_light(segment)))
+    }
+
+    fn is_light(&self, segment: u32) -> bool {
+        (self.bits >> (u32::from(self.segments) - 1 - segment)) & 1 == 1
+    }
+
+    /// The segment in a direction, clockwise as seen from the plane's x axis: the borders that it has passed are counted.
+    fn segment(&self, seen: Vector2<f64>) -> u32 {
+        let second = seen.y < 0.0 || (seen.y == 0.0 && seen.x < 0.0);
+        let turned = if second { -seen } else { seen };
+        let passed = self.begins[1..]
+            .iter()
+            .filter(|begin| begin.perp(&turned) >= 0.0)
+            .count() as u32;
+        passed + u32::from(second) * u32::from(self.segments) / 2
     }
 }
 
@@ -224,21 +261,32 @@ impl Scene {
     fn shows(&self, still: &[f64], ring: &Ring, id: u32) -> bool {
         let pattern = ring_table(ring.segments)[id as usize - 1];
         let n = ring.segments;
-        let others = (0..n).map(|turn| Ring {
-            bits: ((pattern << turn) | (pattern >> (n - turn))) & ((1_u32 << n) - 1),
-            sector: None,
-            ..ring.clone()
-        });
-        let apart = |other: Ring| {
-            let apart = self.apart(still, ring, &self.alone(&other));
-            (other, apart)
-        };
-        let nearest = others
-            .map(apart)
-            .min_by(|a, b| a.1.chi_square.total_cmp(&b.1.chi_square));
-        nearest.is_some_and(|(other, apart)| {
+        let seen = self.bits_seen(still, ring);
+        let nearest = (0..n)
+            .map(|turn| ((pattern << turn) | (pattern >> (n - turn))) & ((1_u32 << n) - 1))
+            .min_by_key(|bits| (bits ^ seen).count_ones());
+        nearest.is_some_and(|bits| {
+            let other = Ring {
+                bits,
+                sector: None,
+                ..ring.clone()
+            };
+            let same = self.apart(still, ring, &self.alone(&other));
             let fitted = || self.apart(still, ring, &self.fitted(still, &other));
-            apart.is_little() || fitted().is_little()
+            same.is_little() || fitted().is_little()
+        })
+    }
+
+    /// Which segments of a ring are light in their middle.
+    fn bits_seen(&self, still: &[f64], ring: &Ring) -> u32 {
+        let [width, height] = self.size;
+        let half = 0.5 * (self.light.ground + self.light.target);
+        (0..ring.segments).fold(0, |bits, segment| {
+            let middle = towards((f64::from(segment) + 0.5) / f64::from(ring.segments)) * 2.5;
+            let px = ring.view.px(Vector2::new(middle.x, -middle.y));
+            let (column, row) = (px.x.max(0.0) as usize, px.y.max(0.0) as usize);
+            let grey = still[row.min(height - 1) * width + column.min(width - 1)];
+            bits << 1 | u32::from(grey > half)
         })
     }
 
