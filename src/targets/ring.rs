@@ -73,7 +73,7 @@ fn best_fits(
     const LARGEST_REST: f64 = 0.2;
     let by_ring = refined(view, dot, &frame).and_then(|frame| refined(view, dot, &frame))?;
     let changes = changes(view, dot, &by_ring)?;
-    let patch = Patch::of(view, dot, &by_ring)?;
+    let patch = Patch::of(view, dot, &by_ring, segments)?;
     let frames = [by_ring, frame];
     let mut fits: Vec<Fitted> = segments
         .iter()
