@@ -235,11 +235,11 @@ fn take_runs_of_region(image: &GreyImage, region: &Region, level: f64, runs: &mu
     };
     // First all pixels, without a decision that would have to wait for them one by one: they come from far.
     let mut bits = Vec::new();
-    for [row, first, end] in region.pieces() {
+    region.pieces().for_each(|[row, first, end]| {
         bits.extend(bright(&image.row(row)[first..end], least));
-    }
+    });
     let mut rest = &bits[..];
-    for [row, first, end] in region.pieces() {
+    region.pieces().for_each(|[row, first, end]| {
         let (bits, further) = rest.split_at((end - first).div_ceil(EIGHT));
         rest = further;
         let mut scan = Scan::new(row as u32, DROPPED, first as u32);
@@ -247,7 +247,7 @@ fn take_runs_of_region(image: &GreyImage, region: &Region, level: f64, runs: &mu
             scan.pixels(bits, runs);
         }
         scan.close(end as u32, runs);
-    }
+    });
 }
 
 fn take_runs_inside(image: &GreyImage, below: &[Run], level: f64, runs: &mut Vec<Run>) {

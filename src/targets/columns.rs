@@ -8,7 +8,6 @@
 //! Cost: pixels x (40 operations + active parameters squared / 2).
 
 use bytemuck::cast_slice;
-use nalgebra::Vector2;
 use pulp::NullaryFnOnce;
 
 use super::exact::Shares;
@@ -26,6 +25,8 @@ pub(super) struct Columns {
     coarse: usize,
     /// The first pixels: those that are evaluated.
     used: usize,
+    /// The first lanes: on the others the edge has no effect.
+    bent: usize,
     x: Vec<f32>,
     y: Vec<f32>,
     grey: Vec<f32>,
@@ -92,11 +93,6 @@ impl Columns {
         self.count
     }
 
-    /// Place of a pixel's centre, px.
-    pub(super) fn place(&self, slot: usize) -> Vector2<f64> {
-        Vector2::new(f64::from(self.x[slot]), f64::from(self.y[slot]))
-    }
-
     /// Columns of the pixels' centres, px.
     pub(super) fn places(&self) -> [&[f32]; 2] {
         [&self.x, &self.y]
@@ -146,37 +142,66 @@ impl Columns {
         weight
     }
 
-    /// For some parameters, in their order, [`Self::pull`] and the sums of the derivatives times those by the parameters up to
-    /// it: the lower half of the normal equations. Calls `put` with each parameter, its pull and its sums.
+    /// For the parameters from `known` on, in their order, [`Self::pull`] and the sums of the derivatives times those by the
+    /// parameters up to it: the lower half of the normal equations. Calls `put` with each one's place, its pull and its sums.
     pub(super) fn normal_equations(
         &self,
         parameters: &[usize],
+        known: usize,
         mut put: impl FnMut(usize, f64, &[f64]),
     ) {
         /// So many at a time: what is read of a column serves for several sums.
         const OWN: usize = 2;
-        const OTHERS: usize = 4;
-        for first in (0..parameters.len()).step_by(OWN) {
+        const MOST: usize = 5;
+        for first in (known..parameters.len()).step_by(OWN) {
             let last = (first + OWN).min(parameters.len());
-            let own =
-                std::array::from_fn(|next| &self.by[parameters[(first + next).min(last - 1)]][..]);
-            // The misfits come after the parameters, and fill the others up.
-            let other = |slot: usize| match slot < last {
-                true => &self.by[parameters[slot]][..],
-                false => &self.misfit,
-            };
-            let mut sums = [[0.0; PARAMETERS + OTHERS]; OWN];
-            for begin in (0..=last).step_by(OTHERS) {
-                let others = std::array::from_fn(|next| other(begin + next));
-                let found = sums_of_products::<OWN, OTHERS>(own, others);
-                for (sums, found) in sums.iter_mut().zip(found) {
-                    sums[begin..begin + OTHERS].copy_from_slice(&found);
-                }
+            let own = std::array::from_fn(|next| parameters[(first + next).min(last - 1)]);
+            let mut sums = [[0.0; PARAMETERS + 1]; OWN];
+            let mut begin = 0;
+            while begin <= last {
+                let others = &parameters[begin..last];
+                // As few steps as there can be, of much the same size; the misfits come last.
+                let left = others.len() + 1;
+                begin += match left.div_ceil(left.div_ceil(MOST)) {
+                    MOST => self.sums_of::<OWN, MOST>(own, others, &mut sums, begin),
+                    4 => self.sums_of::<OWN, 4>(own, others, &mut sums, begin),
+                    _ => self.sums_of::<OWN, 3>(own, others, &mut sums, begin),
+                };
             }
             for (slot, sums) in (first..last).zip(&sums) {
                 put(slot, sums[last], &sums[..=slot]);
             }
         }
+    }
+
+    /// Sums of the products of the derivatives by some parameters with those by the first `OTHERS` others, or with the misfits
+    /// where there are fewer; puts them from this place on. Returns their number.
+    fn sums_of<const OWN: usize, const OTHERS: usize>(
+        &self,
+        own: [usize; OWN],
+        others: &[usize],
+        sums: &mut [[f64; PARAMETERS + 1]; OWN],
+        begin: usize,
+    ) -> usize {
+        let of_edge = |parameter: &usize| !(BACKGROUND..AMPLITUDE).contains(parameter);
+        let edge_alone = own.iter().all(of_edge)
+            || others.len() >= OTHERS && others[..OTHERS].iter().all(of_edge);
+        let lanes = match edge_alone {
+            true => self.bent,
+            false => self.misfit.len(),
+        };
+        let own = own.map(|parameter| &self.by[parameter][..lanes]);
+        let others: [&[Lanes]; OTHERS] = std::array::from_fn(|next| {
+            others
+                .get(next)
+                .map_or(&self.misfit[..], |&parameter| &self.by[parameter])
+        });
+        for (sums, found) in sums.iter_mut().zip(sums_of_products(own, others)) {
+            for (sum, found) in sums[begin..].iter_mut().zip(found) {
+                *sum = found;
+            }
+        }
+        OTHERS
     }
 
     /// Number of pixels that count.
@@ -229,13 +254,17 @@ impl Columns {
         }
     }
 
-    /// Keeps the pixels for whose distance from the edge, in blurs, and misfit `keep` holds, in their order.
+    /// Keeps the pixels for whose distance from the edge, in blurs, and misfit `keep` holds, in their order: mostly all.
     pub(super) fn retain(&mut self, keep: impl Fn(f32, f32) -> bool) {
         let [blurs, misfits] =
             [&self.blurs, &self.misfit].map(|column| cast_slice::<_, f32>(column));
-        let mut kept = 0;
-        for slot in 0..self.count {
-            if keep(blurs[slot], misfits[slot]) {
+        let both = blurs.iter().zip(misfits).take(self.count);
+        let first = both
+            .clone()
+            .position(|(&blurs, &misfit)| !keep(blurs, misfit));
+        let mut kept = first.unwrap_or(self.count);
+        for (slot, (&blurs, &misfit)) in both.enumerate().skip(kept) {
+            if keep(blurs, misfit) {
                 self.x[kept] = self.x[slot];
                 self.y[kept] = self.y[slot];
                 self.grey[kept] = self.grey[slot];
@@ -279,6 +308,7 @@ impl Columns {
         let (xs, ys) = (self.x.as_chunks().0, self.y.as_chunks().0);
         let greys = self.grey.as_chunks().0;
         let lanes = self.counts.len();
+        self.bent = 0;
         for lane in 0..lanes {
             let (x, y) = (Lanes(xs[lane]), Lanes(ys[lane]));
             let grey = Lanes(greys[lane]);
@@ -290,6 +320,9 @@ impl Columns {
             let mut counts = grey.zip(at.value, dimmer);
             if lane + 1 == lanes {
                 counts *= within(self.used - lane * LANES);
+            }
+            if !at.is_flat {
+                self.bent = lane + 1;
             }
             self.blurs[lane] = at.blurs;
             self.counts[lane] = counts;
@@ -342,6 +375,8 @@ struct At {
     value: Lanes,
     blurs: Lanes,
     share: Lanes,
+    /// Whether all of them lie so far out that the edge has no effect.
+    is_flat: bool,
     /// Derivatives by centre, shape and blur.
     by_edge: [Lanes; 6],
 }
@@ -386,6 +421,7 @@ impl Coefficients {
                 value: background,
                 blurs,
                 share: Lanes::ZERO,
+                is_flat: true,
                 by_edge: [Lanes::ZERO; 6],
             };
         }
@@ -399,6 +435,7 @@ impl Coefficients {
             value: background + amplitude * share,
             blurs,
             share,
+            is_flat: false,
             by_edge: [
                 -(two * by_square * gx + by_gradient * hx),
                 -(two * by_square * gy + by_gradient * hy),
@@ -457,6 +494,7 @@ fn exp2(x: Lanes) -> Lanes {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector2;
     use statrs::function::erf::erfc;
 
     use super::super::ellipse::{Axes, Ellipse};
@@ -529,7 +567,7 @@ mod tests {
         for slot in 0..places.len() {
             // What the columns say of the centre they say of the place beside it.
             let beside = if slot == 5 { 4 } else { slot };
-            let place = columns.place(beside);
+            let place = Vector2::new(columns.x[beside], columns.y[beside]).map(f64::from);
             let curvature = curvature(&profile, place);
             let expected = value(&profile, place, curvature);
             let found = 50.0 - of(&columns.misfit, slot);

@@ -8,7 +8,7 @@ use super::ellipse::{Axes, Ellipse, Nested};
 use super::finding::{Candidate, Kind};
 use super::fit::{Fit, Freedom, Rest, correct, drop_foreign, fit, slope_to_expect};
 use super::profile::{AMPLITUDE, Profile};
-use super::trust::{Leverage, Trust, trust};
+use super::trust::{Trust, trust};
 use super::window::{Company, WindowSettings, take_pixels};
 use crate::imaging::GreyImage;
 
@@ -129,6 +129,8 @@ const RIM_MARGIN: f64 = 1.6;
 const RIM_GUARD: f64 = 1.0;
 /// First guess of the blur, px: that of a sharp lens on whole pixels.
 const FIRST_BLUR: f64 = 0.8;
+/// With a blur larger than this pixels of the edge may have been taken for the core's, and more background is needed.
+const SAME_BLUR: f64 = 1.2 * FIRST_BLUR;
 /// The window reaches at least this far from the edge, px: with less background its slope cannot be told from a shift.
 const LEAST_MARGIN: f64 = 5.0;
 /// The window reaches no farther than this from the edge, px.
@@ -162,13 +164,20 @@ impl Reach {
             guard: (2.2 * blur + 0.7).clamp(2.0, 6.0),
         }
     }
+
+    /// Before the blur is known: far enough for all blurs that need no second look.
+    fn first(candidate: &Candidate) -> Self {
+        Self {
+            margin: Self::of(SAME_BLUR, candidate).margin,
+            ..Self::of(FIRST_BLUR, candidate)
+        }
+    }
 }
 
 /// Room to measure one dot after the other in.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Room {
     pixels: Columns,
-    leverage: Leverage,
 }
 
 /// Measures a candidate.
@@ -271,7 +280,7 @@ fn measure_in(
     room: &mut Room,
 ) -> Result<MeasuredDot, String> {
     let unfitted = "no ellipse can be fitted";
-    let Room { pixels, leverage } = room;
+    let Room { pixels } = room;
     let origin = candidate.ellipse.centre;
     let (first, company) = first_fit(view, candidate, surroundings, pixels).ok_or(unfitted)?;
     plausible(candidate, &first)?;
@@ -288,7 +297,7 @@ fn measure_in(
     if is_bent(&second) {
         correct(pixels, &mut second);
     }
-    let trust = trust(pixels, &second, leverage).ok_or(unfitted)?;
+    let trust = trust(pixels, &second).ok_or(unfitted)?;
     judged(view, origin, &second, pixels, &trust, settings)
 }
 
@@ -330,7 +339,7 @@ fn first_fit(
     let guess = Profile::new(&ellipse, FIRST_BLUR, 0.0, 1.0);
     let (margin, guard, off_edge, freedom) = match surroundings {
         Surroundings::Open => {
-            let Reach { margin, guard } = Reach::of(FIRST_BLUR, candidate);
+            let Reach { margin, guard } = Reach::first(candidate);
             (margin, guard, -1.5, Freedom::Even)
         }
         Surroundings::Rim if is_small(candidate) => {
@@ -363,13 +372,16 @@ fn first_fit(
 fn first_grey_values(pixels: &Columns, guess: &Profile, off_edge: f64) -> Option<(f64, f64)> {
     let ellipse = guess.ellipse();
     let dark = Nested::of(&ellipse, -off_edge)?;
+    let bright = Nested::at_level(&ellipse, 0.75);
     let room = || Vec::with_capacity(pixels.len());
     let (mut outside, mut inside) = (room(), room());
-    for (slot, &grey) in pixels.greys().iter().enumerate().take(pixels.len()) {
-        let place = pixels.place(slot);
+    let [xs, ys] = pixels.places();
+    let all = xs.iter().zip(ys).zip(pixels.greys());
+    for ((&x, &y), &grey) in all.take(pixels.len()) {
+        let place = Vector2::new(f64::from(x), f64::from(y));
         if !dark.holds(place) {
             outside.push(grey);
-        } else if ellipse.level(place) < 0.75 {
+        } else if bright.holds(place) {
             inside.push(grey);
         }
     }
@@ -395,13 +407,11 @@ fn second_fit(
     const CORE_FOR_SLOPE: f64 = 5.0;
     /// A guard wrong by less, px, is good enough.
     const SAME_GUARD: f64 = 0.3;
-    /// With a blur this much larger than the first guess pixels of the edge may have been taken for the core's.
-    const SAME_BLUR: f64 = 1.2 * FIRST_BLUR;
     let blur = first.profile.blur();
     let Reach { margin, guard } = Reach::of(blur, candidate);
-    let taken = Reach::of(FIRST_BLUR, candidate);
-    let guarded = company == Company::Alone || (guard - taken.guard).abs() <= SAME_GUARD;
-    if margin > taken.margin || blur > SAME_BLUR || !guarded {
+    let taken = Reach::first(candidate).guard;
+    let guarded = company == Company::Alone || (guard - taken).abs() <= SAME_GUARD;
+    if blur > SAME_BLUR || !guarded {
         let window = WindowSettings {
             origin: candidate.ellipse.centre,
             level: candidate.level,

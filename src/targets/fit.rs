@@ -1,7 +1,7 @@
 //! Least-squares fit of a dot's profile by Levenberg-Marquardt steps.
 
 use bytemuck::cast_slice;
-use nalgebra::SMatrix;
+use nalgebra::{Cholesky, Const, SMatrix, SVector};
 
 use super::columns::Columns;
 use super::profile::{BLUR, PARAMETERS, Parameters, Profile};
@@ -47,8 +47,8 @@ pub(super) struct Fit {
     /// The pixels that were used, without clipped ones.
     pub(super) used: usize,
     freedom: Freedom,
-    normal: Normal,
-    /// Where the normal equations were made: less than a step at rest away.
+    equations: Equations,
+    /// Where the equations were made: less than a step at rest away.
     base: Profile,
 }
 
@@ -82,6 +82,22 @@ impl Rest {
         }
     }
 
+    /// A step that gains more is not taken without a look at where it leads.
+    fn blind_gain(self) -> f64 {
+        match self {
+            Rest::Rough => 10.0,
+            Rest::Fine => 5e-2,
+        }
+    }
+
+    /// Whether a step, after the one before it, ends so near to the minimum; misfits before it have this sum of squares.
+    fn is_reached(self, step: StepSize, before: Option<StepSize>, cost: f64) -> bool {
+        let next = before.map_or(step, |before| step.next(before));
+        next.moved < self.step()
+            && next.gain <= self.gain() * cost
+            && step.gain <= self.blind_gain() * cost
+    }
+
     fn first_damping(self) -> f64 {
         match self {
             Rest::Rough => 1e-3,
@@ -90,7 +106,27 @@ impl Rest {
     }
 }
 
+/// What a step does.
 #[derive(Clone, Copy)]
+struct StepSize {
+    /// To the centre, px.
+    moved: f64,
+    /// To the sum of the squared misfits, times the number of pixels.
+    gain: f64,
+}
+
+impl StepSize {
+    /// What the step after this one will do: they shrink at least as they did since the one before, because this one is damped less.
+    fn next(self, before: Self) -> Self {
+        let shrunk = |now: f64, before: f64| now * (now / before).min(1.0);
+        Self {
+            moved: shrunk(self.moved, before.moved),
+            gain: shrunk(self.gain, before.gain),
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
 struct Equations {
     /// Whether slopes of the amplitude move.
     slopes: bool,
@@ -113,26 +149,26 @@ pub(super) fn fit(
     let mut equations = build(pixels, &profile, freedom, clipping);
     let mut damping = rest.first_damping();
     let mut steps = 0;
+    let mut before = None;
     loop {
         let step = solve(&equations, damping)?;
-        let moved = step[0].hypot(step[1]);
-        let gain = step.dot(&equations.right) * equations.used as f64;
-        if moved < rest.step() && gain <= rest.gain() * equations.cost {
+        let size = StepSize {
+            moved: step[0].hypot(step[1]),
+            gain: step.dot(&equations.right) * equations.used as f64,
+        };
+        let next = stepped(&profile, &step);
+        let is_ellipse = next.ellipse().axes().is_some();
+        if is_ellipse && rest.is_reached(size, before, equations.cost) {
             // Too small to be worth another look at the pixels, and right all the same.
-            profile.parameters += step;
+            profile = next;
             break;
         }
         steps += 1;
         if steps > MOST_STEPS {
             return None;
         }
-        let mut next = profile;
-        next.parameters += step;
-        next.parameters[BLUR] = next.parameters[BLUR].max(LEAST_BLUR);
-        let tried = next
-            .ellipse()
-            .axes()
-            .map(|_| build(pixels, &next, freedom, clipping));
+        let moved = size.moved;
+        let tried = is_ellipse.then(|| build(pixels, &next, freedom, clipping));
         match tried {
             Some(tried) if tried.cost <= equations.cost => {
                 // What the sums cannot tell apart, or the least blur holds back, is at rest too.
@@ -140,6 +176,7 @@ pub(super) fn fit(
                 (profile, base) = (next, next);
                 equations = tried;
                 damping *= 0.1;
+                before = Some(size);
                 if small_gain && moved < 10.0 * rest.step() {
                     break;
                 }
@@ -148,6 +185,7 @@ pub(super) fn fit(
                 if moved < rest.step() {
                     break;
                 }
+                before = None;
                 damping = (damping * 10.0).max(1e-6);
                 if damping > 1e8 {
                     return None;
@@ -161,9 +199,17 @@ pub(super) fn fit(
         residual: (equations.cost / redundancy).sqrt(),
         used: equations.used,
         freedom,
-        normal: equations.normal,
+        equations,
         base,
     })
+}
+
+/// The profile after a step.
+fn stepped(profile: &Profile, step: &Parameters) -> Profile {
+    let mut next = *profile;
+    next.parameters += step;
+    next.parameters[BLUR] = next.parameters[BLUR].max(LEAST_BLUR);
+    next
 }
 
 fn build(
@@ -173,61 +219,93 @@ fn build(
     clipping: Option<f64>,
 ) -> Equations {
     pixels.evaluate(profile, clipping);
-    let mut normal = Normal::identity();
-    let mut right = Parameters::zeros();
-    let parameters = freedom.parameters();
-    pixels.normal_equations(parameters, |slot, pull, sums| {
-        let i = parameters[slot];
-        right[i] = pull;
-        for (&j, &sum) in parameters.iter().zip(sums) {
-            normal[(i, j)] = sum;
-            normal[(j, i)] = sum;
-        }
-    });
-    Equations {
+    let mut equations = Equations {
         slopes: freedom == Freedom::Sloping,
-        normal,
-        right,
+        normal: Normal::identity(),
+        right: Parameters::zeros(),
         cost: pixels.cost(),
         used: pixels.counting(),
+    };
+    equations.take(pixels, freedom, 0);
+    equations
+}
+
+impl Equations {
+    /// Takes in the sums over the pixels for the parameters of a fit from `known` on.
+    fn take(&mut self, pixels: &Columns, freedom: Freedom, known: usize) {
+        let parameters = freedom.parameters();
+        pixels.normal_equations(parameters, known, |slot, pull, sums| {
+            let i = parameters[slot];
+            self.right[i] = pull;
+            for (&j, &sum) in parameters.iter().zip(sums) {
+                self.normal[(i, j)] = sum;
+                self.normal[(j, i)] = sum;
+            }
+        });
     }
 }
 
-/// The step of the damped equations, scaled to unit diagonal.
+/// The step of the damped equations.
 fn solve(equations: &Equations, damping: f64) -> Option<Parameters> {
-    let scale = unit_scale(&equations.normal)?;
-    let mut scaled = Normal::from_fn(|i, j| equations.normal[(i, j)] * scale[i] * scale[j]);
-    for i in 0..PARAMETERS {
-        scaled[(i, i)] += damping;
-    }
-    let right = equations.right.component_mul(&scale);
-    // The last rows of a fit without slopes of the amplitude are those of the unit matrix.
-    let step = if equations.slopes {
-        scaled.cholesky()?.solve(&right)
-    } else {
-        let leading = scaled.fixed_view::<EVEN, EVEN>(0, 0).into_owned();
-        let step = leading.cholesky()?.solve(&right.fixed_rows::<EVEN>(0));
-        Parameters::from_fn(|parameter, _| match parameter < EVEN {
-            true => step[parameter],
-            false => 0.0,
-        })
-    };
-    let step = step.component_mul(&scale);
+    let step = match equations.slopes {
+        true => step_of_first::<PARAMETERS>(equations, damping),
+        false => step_of_first::<EVEN>(equations, damping),
+    }?;
     step.iter().all(|value| value.is_finite()).then_some(step)
 }
 
-fn unit_scale(normal: &Normal) -> Option<Parameters> {
-    let diagonal = normal.diagonal();
-    diagonal
-        .iter()
-        .all(|&value| value > 0.0)
-        .then(|| diagonal.map(|value| value.sqrt().recip()))
+fn step_of_first<const FIRST: usize>(equations: &Equations, damping: f64) -> Option<Parameters> {
+    let (factor, scale) = factored::<FIRST>(&equations.normal, damping)?;
+    let mut scaled = scale;
+    for (scaled, right) in scaled.iter_mut().zip(&equations.right) {
+        *scaled *= right;
+    }
+    factor.solve_mut(&mut scaled);
+    let mut step = Parameters::zeros();
+    for (step, (scaled, scale)) in step.iter_mut().zip(scaled.iter().zip(&scale)) {
+        *step = scaled * scale;
+    }
+    Some(step)
 }
+
+fn cofactor_of_first<const FIRST: usize>(normal: &Normal) -> Option<Normal> {
+    let (factor, scale) = factored::<FIRST>(normal, 0.0)?;
+    let inverse = factor.inverse();
+    let mut cofactor = Normal::zeros();
+    for i in 0..FIRST {
+        for j in 0..FIRST {
+            cofactor[(i, j)] = inverse[(i, j)] * scale[i] * scale[j];
+        }
+    }
+    Some(cofactor)
+}
+
+/// The equations of the first parameters, scaled to unit diagonal and damped, as a factor, and the scale.
+fn factored<const FIRST: usize>(normal: &Normal, damping: f64) -> Option<Factored<FIRST>> {
+    let mut scale = SVector::<f64, FIRST>::zeros();
+    for (slot, scale) in scale.iter_mut().enumerate() {
+        let value = Some(normal[(slot, slot)]).filter(|&value| value > 0.0)?;
+        *scale = value.sqrt().recip();
+    }
+    let mut scaled =
+        SMatrix::<f64, FIRST, FIRST>::from_fn(|i, j| normal[(i, j)] * scale[i] * scale[j]);
+    for slot in 0..FIRST {
+        scaled[(slot, slot)] += damping;
+    }
+    Some((scaled.cholesky()?, scale))
+}
+
+type Factored<const FIRST: usize> = (Cholesky<f64, Const<FIRST>>, SVector<f64, FIRST>);
 
 /// Whether an amplitude that slopes explains more than noise would let it, to first order from an even one at rest (a
 /// score test): the gain of the next step with two more parameters, as a value of F.
 pub(super) fn slope_to_expect(pixels: &mut Columns, even: &Fit, clipping: Option<f64>) -> f64 {
-    let sloping = build(pixels, &even.base, Freedom::Sloping, clipping);
+    even.fill(pixels, clipping);
+    let mut sloping = Equations {
+        slopes: true,
+        ..even.equations
+    };
+    sloping.take(pixels, Freedom::Sloping, EVEN);
     // What is left to gain by the other parameters alone: next to nothing, but so may be the rest.
     let held = Equations {
         slopes: false,
@@ -281,18 +359,14 @@ pub(super) fn correct(pixels: &mut Columns, fit: &mut Fit) {
             right[parameter] = pixels.pull(parameter);
         }
         let equations = Equations {
-            slopes: fit.freedom == Freedom::Sloping,
-            normal: fit.normal,
             right,
             cost,
-            used: fit.used,
+            ..fit.equations
         };
         let Some(step) = solve(&equations, 0.0) else {
             return;
         };
-        let mut next = fit.profile;
-        next.parameters += step;
-        next.parameters[BLUR] = next.parameters[BLUR].max(LEAST_BLUR);
+        let next = stepped(&fit.profile, &step);
         if step[0].hypot(step[1]) < SMALL {
             fit.profile = next;
             pixels.take_step(&step);
@@ -328,21 +402,15 @@ impl Fit {
 
     /// Inverse of the normal equations, zero for parameters that were held.
     pub(super) fn cofactor(&self) -> Option<Normal> {
-        let scale = unit_scale(&self.normal)?;
-        let scaled = Normal::from_fn(|i, j| self.normal[(i, j)] * scale[i] * scale[j]);
-        let inverse = if self.freedom == Freedom::Sloping {
-            scaled.cholesky()?.inverse()
-        } else {
-            let leading = scaled.fixed_view::<EVEN, EVEN>(0, 0).into_owned();
-            let inverse = leading.cholesky()?.inverse();
-            let mut whole = Normal::zeros();
-            whole.fixed_view_mut::<EVEN, EVEN>(0, 0).copy_from(&inverse);
-            whole
-        };
+        let normal = &self.equations.normal;
+        let inverse = match self.equations.slopes {
+            true => cofactor_of_first::<PARAMETERS>(normal),
+            false => cofactor_of_first::<EVEN>(normal),
+        }?;
         let mut cofactor = Normal::zeros();
         for &i in self.parameters() {
             for &j in self.parameters() {
-                cofactor[(i, j)] = inverse[(i, j)] * scale[i] * scale[j];
+                cofactor[(i, j)] = inverse[(i, j)];
             }
         }
         Some(cofactor)

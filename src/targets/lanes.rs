@@ -54,14 +54,15 @@ impl Lanes {
         self.map(f32::sqrt)
     }
 
-    /// Sum in double precision, in the order of the lanes.
+    /// Sum in double precision, by halves: always in the same order.
     #[inline(always)]
     pub(super) fn sum(self) -> f64 {
-        let mut sum = 0.0;
-        for number in self.0 {
-            sum += f64::from(number);
+        const HALF: usize = LANES / 2;
+        let mut sums = [0.0; HALF];
+        for (lane, sum) in sums.iter_mut().enumerate() {
+            *sum = f64::from(self.0[lane]) + f64::from(self.0[lane + HALF]);
         }
-        sum
+        (sums[0] + sums[2]) + (sums[1] + sums[3])
     }
 }
 

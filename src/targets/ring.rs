@@ -73,7 +73,7 @@ fn best_fits(
     const LARGEST_REST: f64 = 0.2;
     let by_ring = refined(view, dot, &frame).and_then(|frame| refined(view, dot, &frame))?;
     let changes = changes(view, dot, &by_ring)?;
-    let patch = Patch::of(view, dot, &by_ring)?;
+    let patch = Patch::of(view, dot, &by_ring, segments)?;
     let frames = [by_ring, frame];
     let mut fits: Vec<Fitted> = segments
         .iter()
@@ -204,6 +204,8 @@ fn doubt(
     /// Largest difference from the picture of its number that nothing speaks against, as a share of the contrast.
     const LARGEST_MISFIT: f64 = 0.1;
     const LARGEST_SLOPE: f64 = 0.7;
+    /// Change of the ground from the middle to the edge of the ring: what lies over half of a code looks like more.
+    const LARGEST_GROUND_SLOPE: f64 = 0.08;
     if let Some(rival) = rival {
         return Some(format!("reads as ring{} as well", rival.segments()));
     }
@@ -219,6 +221,9 @@ fn doubt(
             found.departing_segments,
             best.segments()
         ));
+    }
+    if best.ground_slope() > LARGEST_GROUND_SLOPE {
+        return Some("the ground grows lighter across the ring".into());
     }
     if best.slope() > LARGEST_SLOPE {
         return Some("the light falls off across the ring".into());

@@ -28,6 +28,8 @@ pub(super) struct WindowSettings {
 const CORE_BLURS: f64 = 4.0;
 /// About this many of them are kept.
 const CORE_PIXELS: f64 = 300.0;
+/// The edge may be so many times more blurred than the profile says.
+const MORE_BLUR: f64 = 1.2;
 /// Where half a dot's height is fewer sigmas of the noise, a bright pixel that stands alone on the slope of its blur is noise.
 const NOISE_SIGMAS: f64 = 12.0;
 
@@ -107,11 +109,15 @@ pub(super) fn take_pixels<'a>(
         move |row: usize| columns_within(&nested, row)
     };
     flood_dot(&mut owners, width, within(INNER), within(OUTER));
-    let greys = rows
-        .clone()
-        .flat_map(|row| &image.row(row)[columns.clone()]);
-    drop_noise(&mut owners, width, greys, settings);
-    let company = guard_neighbours(&mut owners, width, settings.guard);
+    let company = if owners.contains(&Owner::Neighbour) {
+        let greys = rows
+            .clone()
+            .flat_map(|row| &image.row(row)[columns.clone()]);
+        drop_noise(&mut owners, width, greys, settings);
+        guard_neighbours(&mut owners, width, settings.guard)
+    } else {
+        Company::Alone
+    };
     let Some(axes) = ellipse.axes() else {
         return company;
     };
@@ -124,7 +130,7 @@ pub(super) fn take_pixels<'a>(
     let Some(seen) = Nested::of(&ellipse, settings.margin) else {
         return company;
     };
-    let edge = Nested::of(&ellipse, f64::from(FLAT) * profile.blur());
+    let edge = Nested::of(&ellipse, f64::from(FLAT) * MORE_BLUR * profile.blur());
     let (mut between, mut far) = (Vec::new(), Vec::new());
     let inner = Nested::of(&ellipse, -CORE_BLURS * profile.blur()).filter(|_| stride > 1);
     for row in 0..rows.len() {
@@ -143,6 +149,11 @@ pub(super) fn take_pixels<'a>(
         // Stretches between neighbours, and between core pixels that are left out.
         let stretches = |part: Range<usize>, take: &mut dyn FnMut([f32; 2], &'a [u16])| {
             let mut column = part.start;
+            if company == Company::Alone && core.is_empty() && !part.is_empty() {
+                let start = [(first.x + column as f64) as f32, first.y as f32];
+                take(start, &samples[part]);
+                return;
+            }
             while column < part.end {
                 let begin = column;
                 while column < part.end && !is_out(column) {
@@ -178,19 +189,27 @@ fn flood_dot(
     inner: impl Fn(usize) -> Range<usize>,
     outer: impl Fn(usize) -> Range<usize>,
 ) {
+    let height = owners.len() / width;
     let mut stack = Vec::with_capacity(owners.len());
-    let mut reach = Vec::with_capacity(owners.len() / width);
+    let (mut core, mut reach) = (Vec::with_capacity(height), Vec::with_capacity(height));
+    for (row, owners) in owners.chunks(width).enumerate() {
+        let bright = owners.contains(&Owner::Neighbour);
+        core.push(if bright { inner(row) } else { 0..0 });
+        reach.push(if bright { outer(row) } else { 0..0 });
+    }
     for (row, owners) in owners.chunks_mut(width).enumerate() {
-        if !owners.contains(&Owner::Neighbour) {
-            reach.push(0..0);
-            continue;
-        }
-        reach.push(outer(row));
-        let columns = inner(row);
-        for (owner, column) in owners[columns.clone()].iter_mut().zip(columns) {
+        let own = core[row].clone();
+        let [above, below] = [row.wrapping_sub(1), row + 1]
+            .map(|row| core.get(row).map_or([0; 2], |core| [core.start, core.end]));
+        // Whatever lies beside these is within `inner` too.
+        let enclosed = (own.start + 1).max(above[0]).max(below[0])
+            ..own.end.saturating_sub(1).min(above[1]).min(below[1]);
+        for (owner, column) in owners[own.clone()].iter_mut().zip(own) {
             if *owner == Owner::Neighbour {
                 *owner = Owner::Dot;
-                stack.push((row, column));
+                if !enclosed.contains(&column) {
+                    stack.push((row, column));
+                }
             }
         }
     }

@@ -1,6 +1,6 @@
 //! A plane target seen obliquely from near.
 
-use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
+use nalgebra::{Matrix3, Rotation3, SVector, Vector2, Vector3};
 
 /// From the target's plane (y up, units of the dot's radius) to pixels, and back.
 #[derive(Clone, Copy)]
@@ -47,6 +47,19 @@ impl PlaneView {
     /// The same under a lens whose scale changes by `bend` px^-1.
     pub(crate) fn bent(mut self, bend: Vector2<f64>) -> Self {
         self.bend = bend;
+        self
+    }
+
+    /// The same with the plane before it moved, stretched and tilted by a little: the first eight elements, row by row, of what is
+    /// added to the unit matrix.
+    pub(crate) fn moved(mut self, by: &SVector<f64, 8>) -> Self {
+        let elements = by.iter().copied().chain([0.0]);
+        let motion = Matrix3::identity() + Matrix3::from_row_iterator(elements);
+        self.from_px = motion * self.from_px;
+        self.to_px = self
+            .from_px
+            .try_inverse()
+            .expect("a little motion leaves a plane");
         self
     }
 

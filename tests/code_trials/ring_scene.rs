@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use nalgebra::Vector2;
+use nalgebra::{SMatrix, SVector, Vector2};
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 use tiepoint::targets::{DetectSettings, Family, detect, ring_table};
@@ -49,12 +49,30 @@ impl CoverShape {
     }
 }
 
-/// A sector of a ring that is dark or light instead of what it should be: from `start`, `width` segments.
+/// A sector of a ring, less than half of it, that is dark or light instead of what it should be.
 #[derive(Clone, Copy)]
 pub(super) struct Sector {
-    pub(super) start: f64,
-    pub(super) width: f64,
-    pub(super) light: bool,
+    /// Where it starts and ends, in the plane as seen.
+    ends: [Vector2<f64>; 2],
+    light: bool,
+}
+
+impl Sector {
+    /// From `start` on, `width` of a ring's segments.
+    pub(super) fn new(segments: u8, start: f64, width: f64, light: bool) -> Self {
+        let ends = [start, start + width].map(|turn| towards(turn / f64::from(segments)));
+        Self { ends, light }
+    }
+
+    fn holds(&self, seen: &Vector2<f64>) -> bool {
+        self.ends[0].perp(seen) >= 0.0 && self.ends[1].perp(seen) < 0.0
+    }
+}
+
+/// The direction clockwise as seen from the plane's x axis, by a share of the turn; y down.
+fn towards(turn: f64) -> Vector2<f64> {
+    let (sin, cos) = (TAU * turn).sin_cos();
+    Vector2::new(cos, sin)
 }
 
 #[derive(Clone)]
@@ -64,18 +82,24 @@ pub(super) struct Ring {
     pub(super) bits: u32,
     pub(super) id: u32,
     pub(super) sector: Option<Sector>,
+    /// Where the segments of the first half of the turn begin, in the plane as seen.
+    pub(super) begins: Vec<Vector2<f64>>,
 }
 
 impl Ring {
     pub(super) fn any(segments: u8, view: PlaneView, random: &mut ChaCha8Rng) -> Self {
         let table = ring_table(segments);
         let index = random.random_range(0..table.len());
+        let begins = 0..segments / 2;
         Self {
             view,
             segments,
             bits: table[index],
             id: index as u32 + 1,
             sector: None,
+            begins: begins
+                .map(|k| towards(f64::from(k) / f64::from(segments)))
+                .collect(),
         }
     }
 
@@ -90,16 +114,29 @@ impl Ring {
             return None;
         }
         let count = u32::from(self.segments);
-        // Clockwise as seen, from the plane's x axis.
-        let turn = (-plane.y).atan2(plane.x).rem_euclid(TAU) / TAU * f64::from(count);
-        let segment = (turn as u32).min(count - 1);
+        let seen = Vector2::new(plane.x, -plane.y);
+        let segment = self.segment(seen);
         if let Some(sector) = &self.sector
-            && (turn - sector.start).rem_euclid(f64::from(count)) < sector.width
+            && sector.holds(&seen)
         {
             return Some((2 + count + segment, sector.light));
         }
-        let light = (self.bits >> (count - 1 - segment)) & 1 == 1;
-        Some((2 + segment, light))
+        Some((2 + segment, self.is_light(segment)))
+    }
+
+    fn is_light(&self, segment: u32) -> bool {
+        (self.bits >> (u32::from(self.segments) - 1 - segment)) & 1 == 1
+    }
+
+    /// The segment in a direction, clockwise as seen from the plane's x axis: the borders that it has passed are counted.
+    fn segment(&self, seen: Vector2<f64>) -> u32 {
+        let second = seen.y < 0.0 || (seen.y == 0.0 && seen.x < 0.0);
+        let turned = if second { -seen } else { seen };
+        let passed = self.begins[1..]
+            .iter()
+            .filter(|begin| begin.perp(&turned) >= 0.0)
+            .count() as u32;
+        passed + u32::from(second) * u32::from(self.segments) / 2
     }
 }
 
@@ -219,61 +256,161 @@ impl Scene {
         tally
     }
 
-    /// Whether the picture without noise, within 3.5 radii of the code's dot, is the one of another number at the same place. It
-    /// is where the two differ by less than noise tells from nothing (chi-square), or where the means of 3 x 3 pixels differ nowhere
-    /// by more than film and print may be uneven and noise strong together: a reader that refused this would refuse real codes.
+    /// Whether the picture without noise is the one of another number: in the same frame and light, or in those that fit it best, for
+    /// a reader does not know them before.
     fn shows(&self, still: &[f64], ring: &Ring, id: u32) -> bool {
-        /// Five standard deviations of the noise, for a reader who knows what to look for.
-        const CHI_SQUARE: f64 = 25.0;
+        let pattern = ring_table(ring.segments)[id as usize - 1];
+        let n = ring.segments;
+        let seen = self.bits_seen(still, ring);
+        let nearest = (0..n)
+            .map(|turn| ((pattern << turn) | (pattern >> (n - turn))) & ((1_u32 << n) - 1))
+            .min_by_key(|bits| (bits ^ seen).count_ones());
+        nearest.is_some_and(|bits| {
+            let other = Ring {
+                bits,
+                sector: None,
+                ..ring.clone()
+            };
+            let same = self.apart(still, ring, &self.alone(&other));
+            let fitted = || self.apart(still, ring, &self.fitted(still, &other));
+            same.is_little() || fitted().is_little()
+        })
+    }
+
+    /// Which segments of a ring are light in their middle.
+    fn bits_seen(&self, still: &[f64], ring: &Ring) -> u32 {
+        let [width, height] = self.size;
+        let half = 0.5 * (self.light.ground + self.light.target);
+        (0..ring.segments).fold(0, |bits, segment| {
+            let middle = towards((f64::from(segment) + 0.5) / f64::from(ring.segments)) * 2.5;
+            let px = ring.view.px(Vector2::new(middle.x, -middle.y));
+            let (column, row) = (px.x.max(0.0) as usize, px.y.max(0.0) as usize);
+            let grey = still[row.min(height - 1) * width + column.min(width - 1)];
+            bits << 1 | u32::from(grey > half)
+        })
+    }
+
+    /// The picture without noise of one ring alone.
+    fn alone(&self, ring: &Ring) -> Vec<f64> {
+        let alone = Scene {
+            rings: vec![ring.clone()],
+            discs: Vec::new(),
+            covers: Vec::new(),
+            ..*self
+        };
+        super::picture::still(self.size, |px| alone.shade(px), &Exposure::default())
+    }
+
+    /// The pixels within 3.5 radii of a code's dot.
+    fn near(&self, ring: &Ring) -> Vec<bool> {
+        let [width, height] = self.size;
+        let middle =
+            |slot: usize| Vector2::new((slot % width) as f64 + 0.5, (slot / width) as f64 + 0.5);
+        (0..width * height)
+            .map(|slot| ring.view.plane(middle(slot)).norm() < 3.5)
+            .collect()
+    }
+
+    /// How a picture differs near a code from another.
+    fn apart(&self, still: &[f64], ring: &Ring, picture: &[f64]) -> Apart {
         /// Unevenness of what is dark, and of what is at least half light, shares of the contrast.
         const DARK: f64 = 0.05;
         const LIGHT: f64 = 0.12;
         /// Noise of the mean, in standard deviations.
         const SIGMAS: f64 = 5.0;
-        let exposure = Exposure::default();
+        let noise = Exposure::default().noise;
         let [width, height] = self.size;
         let contrast = self.light.target - self.light.ground;
-        let pattern = ring_table(ring.segments)[id as usize - 1];
-        let n = ring.segments;
-        (0..n).any(|turn| {
-            let mask = (1_u32 << n) - 1;
-            let other = Ring {
-                bits: ((pattern << turn) | (pattern >> (n - turn))) & mask,
-                sector: None,
-                ..ring.clone()
-            };
-            let alone = Scene {
-                rings: vec![other],
-                discs: Vec::new(),
-                covers: Vec::new(),
-                ..*self
-            };
-            let picture = super::picture::still(self.size, |px| alone.shade(px), &exposure);
-            let off = |column: usize, row: usize| {
+        let offs: Vec<f64> = (still.iter().zip(picture).zip(self.near(ring)))
+            .map(|((still, picture), near)| if near { still - picture } else { 0.0 })
+            .collect();
+        let mut apart = Apart::default();
+        for row in 1..height - 1 {
+            for column in 1..width - 1 {
                 let slot = row * width + column;
-                let middle = Vector2::new(column as f64 + 0.5, row as f64 + 0.5);
-                let near = ring.view.plane(middle).norm() < 3.5;
-                if near {
-                    still[slot] - picture[slot]
-                } else {
-                    0.0
-                }
-            };
-            let (mut chi_square, mut even) = (0.0, true);
-            for row in 1..height - 1 {
-                for column in 1..width - 1 {
-                    chi_square += (off(column, row) / exposure.noise).powi(2);
-                    let around: f64 = (0..9)
-                        .map(|k| off(column + k % 3 - 1, row + k / 3 - 1))
-                        .sum();
-                    let share = (picture[row * width + column] - self.light.ground) / contrast;
-                    let uneven = DARK + (LIGHT - DARK) * (2.0 * share).min(1.0);
-                    even &=
-                        (around / 9.0).abs() < uneven * contrast + SIGMAS * exposure.noise / 3.0;
-                }
+                apart.chi_square += (offs[slot] / noise).powi(2);
+                let around: f64 = (0..9)
+                    .map(|k| offs[(row + k / 3 - 1) * width + column + k % 3 - 1])
+                    .sum();
+                let share = (picture[slot] - self.light.ground) / contrast;
+                let uneven = DARK + (LIGHT - DARK) * (2.0 * share).min(1.0);
+                let tolerated = uneven * contrast + SIGMAS * noise / 3.0;
+                apart.uneven = apart.uneven.max((around / 9.0).abs() / tolerated);
             }
-            even || chi_square < CHI_SQUARE
-        })
+        }
+        apart
+    }
+
+    /// The picture of a code in the frame and light in which it comes nearest to another, by least squares from its own on.
+    fn fitted(&self, still: &[f64], ring: &Ring) -> Vec<f64> {
+        /// Motions by which derivatives are taken: the samples of the picture make smaller ones coarse.
+        const STEP: f64 = 0.02;
+        const ROUNDS: usize = 5;
+        let near = self.near(ring);
+        let picture = |by: &Motion| -> Vec<f64> {
+            let mut picture = self.alone(&Ring {
+                view: ring.view.moved(&by.fixed_rows::<8>(0).into_owned()),
+                ..ring.clone()
+            });
+            let contrast = self.light.target - self.light.ground;
+            for grey in &mut picture {
+                *grey += by[8] * contrast + by[9] * (*grey - self.light.ground);
+            }
+            picture
+        };
+        let offs = |picture: &[f64]| -> Vec<f64> {
+            let pixels = still.iter().zip(picture).zip(&near);
+            let offs = pixels.filter(|(_, near)| **near);
+            offs.map(|((still, picture), _)| still - picture).collect()
+        };
+        let slopes: [Vec<f64>; MOTIONS] = std::array::from_fn(|k| {
+            let step = Motion::ith(k, STEP);
+            let (ahead, behind) = (offs(&picture(&step)), offs(&picture(&-step)));
+            let pairs = behind.iter().zip(&ahead);
+            pairs.map(|(b, a)| (b - a) / (2.0 * STEP)).collect()
+        });
+        let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let mut by = Motion::zeros();
+        let mut best = picture(&by);
+        let normal =
+            SMatrix::<f64, MOTIONS, MOTIONS>::from_fn(|i, j| product(&slopes[i], &slopes[j]));
+        let Some(factor) = normal.cholesky() else {
+            return best;
+        };
+        let mut left = offs(&best);
+        for _ in 0..ROUNDS {
+            let right = Motion::from_fn(|i, _| product(&slopes[i], &left));
+            by += factor.solve(&right);
+            let next = picture(&by);
+            let next_left = offs(&next);
+            if product(&next_left, &next_left) >= product(&left, &left) {
+                break;
+            }
+            (best, left) = (next, next_left);
+        }
+        best
+    }
+}
+
+/// What a reader does not know before of a code's picture: its frame, see [`PlaneView::moved`], ground and light.
+const MOTIONS: usize = 10;
+type Motion = SVector<f64, MOTIONS>;
+
+/// How a picture without noise differs from another.
+#[derive(Clone, Copy, Default)]
+struct Apart {
+    /// Against the noise.
+    chi_square: f64,
+    /// Largest difference of the means of 3 x 3 pixels, as a multiple of how far film and print may be uneven and noise strong together.
+    uneven: f64,
+}
+
+impl Apart {
+    /// Less than noise tells from nothing, or nowhere more than what is uneven: a reader that refused this would refuse real codes.
+    fn is_little(&self) -> bool {
+        /// Five standard deviations of the noise, for a reader who knows what to look for.
+        const CHI_SQUARE: f64 = 25.0;
+        self.uneven < 1.0 || self.chi_square < CHI_SQUARE
     }
 }
 

@@ -61,11 +61,12 @@ fn sector(segments: u8, width: [f64; 2], whole: bool, random: &mut ChaCha8Rng) -
     let start = random.random_range(0.0..f64::from(segments));
     let width = random.random_range(width[0]..=width[1]);
     let light = random.random_range(0..2) == 0;
-    scene.rings[0].sector = Some(Sector {
-        start: if whole { start.floor() } else { start },
-        width: if whole { width.round() } else { width },
-        light,
-    });
+    let [start, width] = if whole {
+        [start.floor(), width.round()]
+    } else {
+        [start, width]
+    };
+    scene.rings[0].sector = Some(Sector::new(segments, start, width, light));
     scene.trial(random)
 }
 

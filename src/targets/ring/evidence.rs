@@ -7,23 +7,30 @@
 //! - the difference in the mean of three by three pixels, the size of the blur: it may be as large as film and print are uneven
 //!   and the noise is strong;
 //! - the borders: how far along the ring each one between light and dark is from the grid, and how wide a line lies on the others, by
-//!   least squares over their pixels;
+//!   least squares over their pixels: once in the scene as it fits best, and once with the scene left free, for a scene gives way to
+//!   a border that is off, the more the fewer borders there are. Print may make all light segments wider or narrower alike;
 //! - the levels of whole segments, which show slighter differences in grey.
 //!
 //! What cannot be told: a cover of the ground's own grey whose borders lie in dark segments or on the grid leaves the picture of
 //! another number.
 
-use nalgebra::{Matrix2, Vector2};
+use std::f64::consts::TAU;
+
+use nalgebra::{Cholesky, Const, Vector2};
 
 use super::first_look::MIDDLE;
 use super::fitting::{Fitted, shown};
-use super::frame::RingFrame;
-use super::patch::{Patch, middle};
+use super::patch::Patch;
+use super::refine::{ByScene, Compared, Equations, UNKNOWNS};
 
 /// Largest error of the frame, pixels of the patch: it shows at the edges.
 const FRAME_PX: f64 = 0.12;
 /// How far the border of two segments may be from where it should be, and how wide a line on it, pixels of the patch.
-const BORDER_PX: f64 = 0.16;
+const BORDER_PX: f64 = 0.12;
+/// How far a border may be from where the rest, left free to give way to it, has it.
+const FREE_BORDER_PX: f64 = 0.26;
+/// How much wider light segments may be on either side, radians at the ring's middle: standard deviation.
+const GROWTH: f64 = 0.006;
 /// Unevenness of what is dark, as a share of the contrast.
 const DARK: f64 = 0.05;
 /// The same as the level of a whole dark segment.
@@ -54,47 +61,56 @@ struct Off {
     off: f64,
     tolerated: f64,
     count: f64,
+    segment: usize,
 }
 
-/// Where a pixel lies in the code.
+/// Which segment a pixel lies in, and which border it is next to: the one with the same number begins a segment.
+#[derive(Clone, Copy, Default)]
 struct Place {
-    /// In radii of the dot, perspective left out.
-    affine: Vector2<f64>,
-    /// Direction as a share of the turn.
-    turn: f64,
+    segment: usize,
+    border: usize,
 }
 
 impl Place {
-    fn of(frame: &RingFrame, back: &Matrix2<f64>, column: usize, row: usize) -> Self {
-        let affine = back * (middle(column, row) - frame.centre);
+    fn of(affine: &Vector2<f64>, segments: usize) -> Self {
+        let turn = (affine.y.atan2(affine.x) / TAU).rem_euclid(1.0) * segments as f64;
         Self {
-            affine,
-            turn: (affine.y.atan2(affine.x) / std::f64::consts::TAU).rem_euclid(1.0),
+            segment: (turn as usize).min(segments - 1),
+            border: turn.round() as usize % segments,
         }
-    }
-
-    fn segment(&self, segments: usize) -> usize {
-        ((self.turn * segments as f64) as usize).min(segments - 1)
-    }
-
-    /// The border with this number begins the segment with the same.
-    fn nearest_border(&self, segments: usize) -> usize {
-        (self.turn * segments as f64).round() as usize % segments
     }
 }
 
 /// How far the border between a light and a dark segment is from where it should be, or how wide a line of the other kind lies
-/// between two that are alike, by least squares.
-#[derive(Clone, Copy, Default)]
+/// between two that are alike: by least squares together with all that the scene depends on, which gives way to a border that
+/// is off and would hide a part of it.
+#[derive(Clone, Copy)]
 struct Border {
     product: f64,
     square: f64,
+    scene: ByScene,
 }
 
 impl Border {
-    fn add(&mut self, off: f64, by: f64) {
-        self.product += off * by;
-        self.square += by * by;
+    fn nothing() -> Self {
+        Self {
+            product: 0.0,
+            square: 0.0,
+            scene: ByScene::zeros(),
+        }
+    }
+
+    fn add(&mut self, pixel: &Compared, by: f64) {
+        self.product += pixel.weight * pixel.off * by;
+        self.square += pixel.weight * by * by;
+        self.scene.axpy(pixel.weight * by, &pixel.by, 1.0);
+    }
+
+    /// Adds a border that moves with this one by `share`, 1 or -1.
+    fn join(&mut self, other: &Self, share: f64) {
+        self.product += share * other.product;
+        self.square += other.square;
+        self.scene.axpy(share, &other.scene, 1.0);
     }
 
     /// Radians, or pixels of a line's width.
@@ -102,57 +118,148 @@ impl Border {
         self.product / self.square.max(f64::MIN_POSITIVE)
     }
 
-    /// Its standard deviation from noise.
-    fn sigma(&self, noise: f64) -> f64 {
-        noise / self.square.max(f64::MIN_POSITIVE).sqrt()
+    /// Its standard deviation as the weights say.
+    fn sigma(&self) -> f64 {
+        self.square.max(f64::MIN_POSITIVE).sqrt().recip()
     }
+}
+
+/// What gives way to a border that is off.
+struct Rest {
+    factor: Cholesky<f64, Const<UNKNOWNS>>,
+    right: ByScene,
+    growth: Border,
+    /// What the scene does as light segments grow.
+    scene: ByScene,
+    /// The noise as a share of what the weights say.
+    noise: f64,
+}
+
+impl Rest {
+    /// `None` where the scene is not determined.
+    fn of(equations: &Equations, borders: &[Border], bits: &[bool], noise: f64) -> Option<Self> {
+        let mut growth = Border::nothing();
+        for (index, border) in borders.iter().enumerate() {
+            if bits[index] != bits[(index + bits.len() - 1) % bits.len()] {
+                growth.join(border, outward(bits[index]));
+            }
+        }
+        let factor = equations.normal.cholesky()?;
+        Some(Self {
+            scene: factor.solve(&growth.scene),
+            factor,
+            right: equations.right,
+            growth,
+            noise,
+        })
+    }
+
+    /// How far a border is off against what is tolerated, the rest as fitted and the rest free; `with_growth` is its product with
+    /// the growth, `px` pixels are one of its units.
+    fn departure(&self, border: &Border, with_growth: f64, px: f64) -> f64 {
+        /// Nothing more is known of a border that the rest explains but for this share.
+        const LEAST: f64 = 1e-6;
+        let scene = self.factor.solve(&border.scene);
+        let growth = GROWTH.powi(-2) + self.growth.square - self.growth.scene.dot(&self.scene);
+        let with_growth = with_growth - scene.dot(&self.growth.scene);
+        let by_growth = with_growth / growth;
+        let grown = self.growth.product - self.right.dot(&self.scene);
+        let free = Border {
+            product: border.product - self.right.dot(&scene) - grown * by_growth,
+            square: border.square - border.scene.dot(&scene) - with_growth * by_growth,
+            ..*border
+        };
+        let departure = |border: &Border, tolerated: f64| {
+            let (shift, sigma) = (border.shift(), self.noise * border.sigma());
+            px * shift.abs() / f64::hypot(tolerated, NOISE_SIGMAS * px * sigma)
+        };
+        let fitted = Border {
+            product: free.product,
+            ..*border
+        };
+        let fitted = departure(&fitted, BORDER_PX);
+        if free.square <= LEAST * border.square {
+            return fitted;
+        }
+        fitted.max(departure(&free, FREE_BORDER_PX))
+    }
+}
+
+/// Which way a border moves as the light segment beside it grows; `light` says what it begins.
+fn outward(light: bool) -> f64 {
+    if light { -1.0 } else { 1.0 }
 }
 
 /// Compares the picture with the fitted code.
 pub(super) fn ring_evidence(patch: &Patch, fitted: &Fitted) -> Option<RingEvidence> {
     let scene = &fitted.scene;
-    let frame = &scene.frame;
-    let back = frame.map.try_inverse()?;
+    let segments = fitted.bits.len();
     let mut offs = vec![Off::default(); patch.columns * patch.rows];
     let (mut squares, mut count) = (0.0, 0.0);
     let lines = fitted.sketch.lines();
-    let mut cracks = vec![Border::default(); fitted.bits.len()];
-    let mut borders = vec![Border::default(); fitted.bits.len()];
-    scene.compare(
-        patch,
-        &fitted.sketch,
-        &shown(&fitted.shares),
-        |column, row, grey, seen| {
-            let light = seen.light.max(0.25 * scene.light[0]);
-            let share = seen.ring.value + seen.dot.value;
-            let slope = (seen.ring.slope + scene.dot_light * seen.dot.slope).norm();
-            let off = (grey - seen.grey) / light;
-            offs[row * patch.columns + column] = Off {
-                off,
-                tolerated: (DARK + (LIGHT - DARK) * (2.0 * share).min(1.0)).max(FRAME_PX * slope),
-                count: 1.0,
-            };
-            let place = Place::of(frame, &back, column, row);
-            // The picture as a border goes forward by a radian.
-            let turned = frame.map * Vector2::new(-place.affine.y, place.affine.x);
-            let border = place.nearest_border(fitted.bits.len());
-            borders[border].add(grey - seen.grey, -seen.light * seen.ring.slope.dot(&turned));
-            cracks[border].add(grey - seen.grey, seen.light * lines.value(column, row));
-            squares += off * off;
-            count += 1.0;
-        },
-    );
+    let mut cracks = vec![Border::nothing(); segments];
+    let mut borders = vec![Border::nothing(); segments];
+    let shown = shown(&fitted.shares);
+    let equations = scene.equations(patch, &fitted.sketch, &shown, f64::INFINITY, |pixel| {
+        let seen = pixel.seen;
+        let light = seen.light.max(0.25 * scene.light[0]);
+        let share = seen.ring.value + seen.dot.value;
+        let slope = (seen.ring.slope + scene.dot_light * seen.dot.slope).norm();
+        let off = pixel.off / light;
+        let place = Place::of(&pixel.affine, segments);
+        offs[pixel.row * patch.columns + pixel.column] = Off {
+            off,
+            tolerated: (DARK + (LIGHT - DARK) * (2.0 * share).min(1.0)).max(FRAME_PX * slope),
+            count: 1.0,
+            segment: place.segment,
+        };
+        // The picture as a border goes forward by a radian.
+        let turned = scene.frame.map * Vector2::new(-pixel.affine.y, pixel.affine.x);
+        borders[place.border].add(pixel, -seen.light * seen.ring.slope.dot(&turned));
+        let line = lines.value(pixel.column, pixel.row);
+        cracks[place.border].add(pixel, seen.light * line);
+        squares += off * off;
+        count += 1.0;
+    })?;
+    let mut departures = of_levels(patch, fitted);
+    let of_weights = patch.noise / scene.variance(patch).sqrt();
+    let rest = Rest::of(&equations, &borders, &fitted.bits, of_weights)?;
+    for index in 0..segments {
+        let behind = (index + segments - 1) % segments;
+        let light = fitted.bits[index];
+        let departure = if light == fitted.bits[behind] {
+            rest.departure(&cracks[index], 0.0, 1.0)
+        } else {
+            let (sin, cos) = (TAU * index as f64 / segments as f64).sin_cos();
+            let px = MIDDLE * (scene.frame.map * Vector2::new(-sin, cos)).norm();
+            let with_growth = outward(light) * borders[index].square;
+            rest.departure(&borders[index], with_growth, px)
+        };
+        departures[index] = departures[index].max(departure);
+    }
     let noise = NOISE_SIGMAS * patch.noise / scene.light[0];
+    for (column, row, _) in patch.pixels() {
+        let sum = around(&offs, patch, column, row);
+        let departure = sum.off.abs() / sum.tolerated.hypot(noise * sum.count.sqrt());
+        let largest = &mut departures[offs[row * patch.columns + column].segment];
+        *largest = largest.max(departure);
+    }
+    Some(RingEvidence {
+        departure: departures.iter().copied().fold(0.0, f64::max),
+        departing_segments: departures.iter().filter(|&&d| d > 1.0).count() as u32,
+        misfit: (squares / f64::max(count, 1.0)).sqrt(),
+    })
+}
+
+/// Departures of the levels of whole segments.
+fn of_levels(patch: &Patch, fitted: &Fitted) -> Vec<f64> {
     // What is uneven round a narrow segment is taken for its level as noise is.
     let uneven = f64::hypot(
         1.0,
-        UNEVEN * scene.light[0] / patch.noise.max(f64::MIN_POSITIVE),
+        UNEVEN * fitted.scene.light[0] / patch.noise.max(f64::MIN_POSITIVE),
     );
-    let mut departures: Vec<f64> = fitted
-        .shares
-        .iter()
-        .zip(&fitted.bits)
-        .zip(&fitted.sigmas)
+    let levels = fitted.shares.iter().zip(&fitted.bits).zip(&fitted.sigmas);
+    levels
         .map(|((share, &light), sigma)| {
             let (level, even) = if light {
                 (1.0, LIGHT_SEGMENT)
@@ -161,32 +268,7 @@ pub(super) fn ring_evidence(patch: &Patch, fitted: &Fitted) -> Option<RingEviden
             };
             (share - level).abs() / f64::hypot(even, NOISE_SIGMAS * uneven * sigma)
         })
-        .collect();
-    for (index, border) in borders.iter().enumerate() {
-        let behind = (index + departures.len() - 1) % departures.len();
-        let (border, px) = if fitted.bits[index] == fitted.bits[behind] {
-            (&cracks[index], 1.0)
-        } else {
-            let angle = std::f64::consts::TAU * index as f64 / departures.len() as f64;
-            let along = frame.map * Vector2::new(-angle.sin(), angle.cos());
-            (border, MIDDLE * along.norm())
-        };
-        let departure = px * border.shift().abs()
-            / f64::hypot(BORDER_PX, NOISE_SIGMAS * px * border.sigma(patch.noise));
-        departures[index] = departures[index].max(departure);
-    }
-    for (column, row, _) in patch.pixels() {
-        let sum = around(&offs, patch, column, row);
-        let departure = sum.off.abs() / sum.tolerated.hypot(noise * sum.count.sqrt());
-        let place = Place::of(frame, &back, column, row);
-        let largest = &mut departures[place.segment(fitted.bits.len())];
-        *largest = largest.max(departure);
-    }
-    Some(RingEvidence {
-        departure: departures.iter().copied().fold(0.0, f64::max),
-        departing_segments: departures.iter().filter(|&&d| d > 1.0).count() as u32,
-        misfit: (squares / f64::max(count, 1.0)).sqrt(),
-    })
+        .collect()
 }
 
 /// The sums over a pixel and its neighbours.

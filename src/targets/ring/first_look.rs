@@ -19,6 +19,12 @@ pub(super) fn direction(index: usize, count: usize) -> f64 {
     std::f64::consts::TAU * (index as f64 + 0.5) / count as f64
 }
 
+/// The unit vector in a direction.
+pub(super) fn towards(direction: f64) -> Vector2<f64> {
+    let (sin, cos) = direction.sin_cos();
+    Vector2::new(cos, sin)
+}
+
 /// Grey values above the background as a share of the dot's contrast; `None` outside the picture.
 fn share(view: &View, dot: &MeasuredDot, place: Vector2<f64>) -> Option<f64> {
     let grey = view.image.sample(place.x, place.y)?;
@@ -48,16 +54,14 @@ pub(super) fn middle_of_ring(
     const FIRST: f64 = 1.4;
     const COUNT: usize = 25;
     const DARK: f64 = 0.35;
-    if share(view, dot, frame.place(direction, MIDDLE))? < 0.5 * DARK {
+    let outward = towards(direction);
+    let share_at = |radius: f64| share(view, dot, frame.seen(outward * radius));
+    if share_at(MIDDLE)? < 0.5 * DARK {
         return None;
     }
     let mut shares = [0.0; COUNT];
     for (index, slot) in shares.iter_mut().enumerate() {
-        *slot = share(
-            view,
-            dot,
-            frame.place(direction, FIRST + STEP * index as f64),
-        )?;
+        *slot = share_at(FIRST + STEP * index as f64)?;
     }
     let (top, &most) = shares
         .iter()
@@ -89,10 +93,10 @@ pub(super) fn changes(view: &View, dot: &MeasuredDot, frame: &RingFrame) -> Opti
     let mut shares = Vec::with_capacity(DIRECTIONS);
     for index in 0..DIRECTIONS {
         let mut sum = 0.0;
-        let direction = direction(index, DIRECTIONS);
-        share(view, dot, frame.place(direction, OUTER))?;
+        let outward = towards(direction(index, DIRECTIONS));
+        share(view, dot, frame.seen(outward * OUTER))?;
         for radius in ACROSS {
-            sum += share(view, dot, frame.place(direction, radius))?;
+            sum += share(view, dot, frame.seen(outward * radius))?;
         }
         shares.push(sum / ACROSS.len() as f64);
     }

@@ -2,7 +2,7 @@
 
 use nalgebra::{SMatrix, SVector, Vector2};
 
-use super::first_look::MIDDLE;
+use super::first_look::{MIDDLE, OUTER};
 use super::frame::RingFrame;
 use super::levels::{Levels, levels};
 use super::patch::Patch;
@@ -33,6 +33,13 @@ impl Fitted {
         let [level, along_x, along_y] = self.scene.light;
         let per_radius = self.scene.frame.map.transpose() * Vector2::new(along_x, along_y);
         MIDDLE * per_radius.norm() / level
+    }
+
+    /// How far from even the ground is: its change from the middle to the outer edge of the ring, as a share of the light.
+    pub(super) fn ground_slope(&self) -> f64 {
+        let [_, along_x, along_y] = self.scene.ground;
+        let per_radius = self.scene.frame.map.transpose() * Vector2::new(along_x, along_y);
+        OUTER * per_radius.norm() / self.scene.light[0]
     }
 
     /// The bits as a number, the first most significant.

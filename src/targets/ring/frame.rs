@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
-use super::first_look::{MIDDLE, direction, middle_of_ring};
+use super::first_look::{MIDDLE, direction, middle_of_ring, towards};
 use crate::targets::dot::{MeasuredDot, View};
 
 /// From the plane of a code, in radii of its dot, to the picture: `p = centre + map q / (1 + tilt . q)`.
@@ -35,8 +35,7 @@ impl RingFrame {
 
     /// Where the ring is seen in a direction at a radius.
     pub(super) fn place(&self, direction: f64, radius: f64) -> Vector2<f64> {
-        let (sin, cos) = direction.sin_cos();
-        self.seen(Vector2::new(cos, sin) * radius)
+        self.seen(towards(direction) * radius)
     }
 
     /// Radius of a place of the picture in radii of the dot.

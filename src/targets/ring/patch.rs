@@ -7,8 +7,10 @@ use crate::targets::dot::{MeasuredDot, View};
 
 /// Pixels within this radius belong to the code, in radii of the dot: the ring and the beginning of the ground.
 const REACH: f64 = 3.2;
-/// The smaller semi-axis of a dot keeps at least so many pixels when the picture is reduced.
+/// The smaller semi-axis of a dot keeps at least so many pixels when the picture is reduced, for up to fourteen segments; more
+/// are narrower, and what covers a part of one must show as well.
 const LEAST_RADIUS: f64 = 4.0;
+const SEGMENTS: f64 = 14.0;
 /// Variance of a pixel's square, pixels^2.
 const VARIANCE_OF_PIXEL: f64 = 1.0 / 12.0;
 /// A lens is not sharper, pixels.
@@ -35,9 +37,15 @@ pub(super) struct Patch {
 
 impl Patch {
     /// The part within the picture of what a dot and its frame say; `None` where nothing of it is.
-    pub(super) fn of(view: &View, dot: &MeasuredDot, frame: &RingFrame) -> Option<Self> {
+    pub(super) fn of(
+        view: &View,
+        dot: &MeasuredDot,
+        frame: &RingFrame,
+        segments: &[u8],
+    ) -> Option<Self> {
         let minor = dot.ellipse.axes()?.minor;
-        let step = ((minor / LEAST_RADIUS) as usize).max(1);
+        let most = f64::from(segments.iter().copied().max()?);
+        let step = ((minor / (LEAST_RADIUS * (most / SEGMENTS).max(1.0))) as usize).max(1);
         let spread = (frame.map * frame.map.transpose()).diagonal();
         // The perspective moves the outline a little: the frame itself says what is used.
         let half = spread.map(|square| 1.05 * REACH * square.sqrt());

@@ -71,7 +71,136 @@ impl Scene {
     }
 }
 
-const UNKNOWNS: usize = 17;
+pub(super) const UNKNOWNS: usize = 17;
+
+/// By all that a scene depends on.
+pub(super) type ByScene = SVector<f64, UNKNOWNS>;
+
+/// A pixel of the code against the computed picture.
+pub(super) struct Compared<'a> {
+    pub(super) column: usize,
+    pub(super) row: usize,
+    /// Grey value above the computed one.
+    pub(super) off: f64,
+    pub(super) seen: &'a Seen,
+    /// In radii of the dot, perspective left out.
+    pub(super) affine: Vector2<f64>,
+    /// Derivative of the grey value.
+    pub(super) by: ByScene,
+    pub(super) weight: f64,
+}
+
+/// The normal equations of a step.
+pub(super) struct Equations {
+    pub(super) normal: SMatrix<f64, UNKNOWNS, UNKNOWNS>,
+    pub(super) right: ByScene,
+}
+
+/// Unevenness of film and print, as a share of the contrast.
+const UNEVEN: f64 = 0.03;
+
+impl Scene {
+    /// Variance of a pixel from noise, film and print.
+    pub(super) fn variance(&self, patch: &Patch) -> f64 {
+        patch.noise.powi(2) + (UNEVEN * self.light[0]).powi(2)
+    }
+
+    /// The equations for all that the scene depends on; what departs by more than `sigmas` standard deviations loses its say. `see` sees
+    /// every pixel.
+    pub(super) fn equations(
+        &self,
+        patch: &Patch,
+        sketch: &Sketch,
+        shares: &[f32],
+        sigmas: f64,
+        mut see: impl FnMut(&Compared),
+    ) -> Option<Equations> {
+        let variance = self.variance(patch);
+        let mut normal = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
+        let mut right = ByScene::zeros();
+        let back = self.frame.map.try_inverse()?;
+        self.compare(patch, sketch, shares, |column, row, grey, seen| {
+            let off = grey - seen.grey;
+            let affine = back * (middle(column, row) - self.frame.centre);
+            let compared = Compared {
+                column,
+                row,
+                off,
+                seen,
+                affine,
+                by: self.by(seen, affine, away(patch, column, row)),
+                weight: 1.0 / (variance + off * off / (sigmas * sigmas)),
+            };
+            let by = &compared.by;
+            normal.syger(compared.weight, by, by, 1.0);
+            right.axpy(compared.weight * off, by, 1.0);
+            see(&compared);
+        });
+        normal.fill_upper_triangle_with_lower_triangle();
+        let mut equations = Equations { normal, right };
+        self.hold(patch, &mut equations);
+        Some(equations)
+    }
+
+    /// Derivative of the computed grey value at a pixel.
+    fn by(&self, seen: &Seen, affine: Vector2<f64>, away: Vector2<f64>) -> ByScene {
+        let frame = &self.frame;
+        let scale = 1.0 / (1.0 - frame.tilt.dot(&affine));
+        let at = affine * scale;
+        // What the frame's parameters move is map q / (1 + tilt q); 1 / (1 + tilt q) = 1 / scale.
+        let shrunk = at / scale;
+        let slope = -seen.light * (seen.ring.slope + self.dot_light * seen.dot.slope);
+        let tilted = -(frame.map * at).dot(&slope) / (scale * scale);
+        let share = seen.ring.value + self.dot_light * seen.dot.value;
+        let spread = seen.ring.laplacian + self.dot_light * seen.dot.laplacian;
+        ByScene::from([
+            slope.x,
+            slope.y,
+            slope.x * shrunk.x,
+            slope.x * shrunk.y,
+            slope.y * shrunk.x,
+            slope.y * shrunk.y,
+            tilted * at.x,
+            tilted * at.y,
+            -seen.light * self.dot_light * seen.dot.slope.dot(&(frame.map * shrunk)),
+            seen.light * self.blur * spread,
+            1.0,
+            away.x,
+            away.y,
+            share,
+            share * away.x,
+            share * away.y,
+            seen.light * seen.dot.value,
+        ])
+    }
+
+    /// Adds what is known before.
+    fn hold(&self, patch: &Patch, equations: &mut Equations) {
+        /// Standard deviations of the perspective per radius, dot's radius, blur as a share of itself, slope of the light across the code,
+        /// light of the dot.
+        const TILT: f64 = 0.02;
+        const DOT_RADIUS: f64 = 0.03;
+        const BLUR: f64 = 0.3;
+        const SLOPE: f64 = 0.3;
+        const DOT_LIGHT: f64 = 0.3;
+        let mut hold = |unknown: usize, from: f64, sigma: f64| {
+            let weight = sigma.powi(-2);
+            equations.normal[(unknown, unknown)] += weight;
+            equations.right[unknown] -= weight * from;
+        };
+        let reach = 0.5 * (patch.columns.max(patch.rows) as f64);
+        let sloping = SLOPE * self.light[0] / reach;
+        hold(6, self.frame.tilt.x, TILT);
+        hold(7, self.frame.tilt.y, TILT);
+        hold(8, self.dot_radius - 1.0, DOT_RADIUS);
+        hold(9, self.blur - patch.blur, BLUR * patch.blur);
+        hold(11, self.ground[1], sloping);
+        hold(12, self.ground[2], sloping);
+        hold(14, self.light[1], sloping);
+        hold(15, self.light[2], sloping);
+        hold(16, self.dot_light - 1.0, DOT_LIGHT);
+    }
+}
 
 /// A scene and how far the last step moved the ring in it, pixels.
 pub(super) struct Step {
@@ -81,75 +210,10 @@ pub(super) struct Step {
 
 /// One step; `None` where it cannot be made or leads astray.
 pub(super) fn step(patch: &Patch, sketch: &Sketch, shares: &[f32], scene: &Scene) -> Option<Step> {
-    /// Unevenness of film and print, as a share of the contrast.
-    const UNEVEN: f64 = 0.03;
-    /// What departs by more than so many sigmas loses its say.
     const SIGMAS: f64 = 3.0;
-    /// Standard deviations of what is known before: the perspective per radius, dot's radius, blur as a share of itself, slope of the
-    /// light across the code, light of the dot.
-    const TILT: f64 = 0.02;
-    const DOT_RADIUS: f64 = 0.03;
-    const BLUR: f64 = 0.3;
-    const SLOPE: f64 = 0.3;
-    const DOT_LIGHT: f64 = 0.3;
-    let variance = patch.noise.powi(2) + (UNEVEN * scene.light[0]).powi(2);
-    let mut normal = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::zeros();
-    let mut right = SVector::<f64, UNKNOWNS>::zeros();
+    let equations = scene.equations(patch, sketch, shares, SIGMAS, |_| ())?;
     let frame = &scene.frame;
-    let back = frame.map.try_inverse()?;
-    scene.compare(patch, sketch, shares, |column, row, grey, seen| {
-        let off = grey - seen.grey;
-        let affine = back * (middle(column, row) - frame.centre);
-        let scale = 1.0 / (1.0 - frame.tilt.dot(&affine));
-        let at = affine * scale;
-        // What the frame's parameters move is map q / (1 + tilt q); 1 / (1 + tilt q) = 1 / scale.
-        let shrunk = at / scale;
-        let slope = -seen.light * (seen.ring.slope + scene.dot_light * seen.dot.slope);
-        let tilted = -(frame.map * at).dot(&slope) / (scale * scale);
-        let share = seen.ring.value + scene.dot_light * seen.dot.value;
-        let spread = seen.ring.laplacian + scene.dot_light * seen.dot.laplacian;
-        let away = away(patch, column, row);
-        let by = SVector::<f64, UNKNOWNS>::from([
-            slope.x,
-            slope.y,
-            slope.x * shrunk.x,
-            slope.x * shrunk.y,
-            slope.y * shrunk.x,
-            slope.y * shrunk.y,
-            tilted * at.x,
-            tilted * at.y,
-            -seen.light * scene.dot_light * seen.dot.slope.dot(&(frame.map * shrunk)),
-            seen.light * scene.blur * spread,
-            1.0,
-            away.x,
-            away.y,
-            share,
-            share * away.x,
-            share * away.y,
-            seen.light * seen.dot.value,
-        ]);
-        let weight = 1.0 / (variance + off * off / (SIGMAS * SIGMAS));
-        normal.syger(weight, &by, &by, 1.0);
-        right.axpy(weight * off, &by, 1.0);
-    });
-    normal.fill_upper_triangle_with_lower_triangle();
-    let mut hold = |unknown: usize, from: f64, sigma: f64| {
-        let weight = sigma.powi(-2);
-        normal[(unknown, unknown)] += weight;
-        right[unknown] -= weight * from;
-    };
-    let reach = 0.5 * (patch.columns.max(patch.rows) as f64);
-    let sloping = SLOPE * scene.light[0] / reach;
-    hold(6, frame.tilt.x, TILT);
-    hold(7, frame.tilt.y, TILT);
-    hold(8, scene.dot_radius - 1.0, DOT_RADIUS);
-    hold(9, scene.blur - patch.blur, BLUR * patch.blur);
-    hold(11, scene.ground[1], sloping);
-    hold(12, scene.ground[2], sloping);
-    hold(14, scene.light[1], sloping);
-    hold(15, scene.light[2], sloping);
-    hold(16, scene.dot_light - 1.0, DOT_LIGHT);
-    let by = normal.cholesky()?.solve(&right);
+    let by = equations.normal.cholesky()?.solve(&equations.right);
     let next = Scene {
         frame: RingFrame {
             centre: frame.centre + Vector2::new(by[0], by[1]),
