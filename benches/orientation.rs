@@ -40,7 +40,7 @@ fn main() {
             (scene, verdict, seconds)
         })
         .collect();
-    let mut sum = [0; 7];
+    let mut sum = [0; 8];
     for (scene, verdict, seconds) in &verdicts {
         let parts = [
             verdict.images,
@@ -50,13 +50,14 @@ fn main() {
             verdict.wrong.len(),
             verdict.doubted.len(),
             verdict.silent.len(),
+            verdict.weak.len(),
         ];
         for (sum, part) in sum.iter_mut().zip(parts) {
             *sum += part;
         }
         if !verdict.holds() || count == 1 {
             println!(
-                "{}: {} images, {} required, {} right, missed {:?}, wrong {:.3?}, doubted {:?}, silent {:?}; {seconds:.2} s; {:?}",
+                "{}: {} images, {} required, {} right, missed {:?}, wrong {:.3?}, doubted {:?}, weak {:?}, silent {:?}; {seconds:.2} s; {:?}",
                 scene.number,
                 verdict.images,
                 verdict.required,
@@ -64,6 +65,7 @@ fn main() {
                 verdict.missed,
                 verdict.wrong,
                 verdict.doubted,
+                verdict.weak,
                 verdict.silent,
                 scene.recipe
             );
@@ -73,13 +75,22 @@ fn main() {
         .iter()
         .filter(|(_, verdict, _)| !verdict.holds())
         .count();
-    let [images, required, right, missed, wrong, doubted, silent] = sum;
+    let [
+        images,
+        required,
+        right,
+        missed,
+        wrong,
+        doubted,
+        silent,
+        weak,
+    ] = sum;
     println!(
-        "| measurements | images | required | right | required, but missed | wrong | wrong, but told | left out without a reason | measurements with a failure | s |"
+        "| measurements | images | required | right | required, but missed | wrong | wrong, but told | too weak, and told | left out without a reason | measurements with a failure | s |"
     );
-    println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
+    println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
     println!(
-        "| {} | {images} | {required} | {right} | {missed} | {wrong} | {doubted} | {silent} | {failed} | {:.0} |",
+        "| {} | {images} | {required} | {right} | {missed} | {wrong} | {doubted} | {weak} | {silent} | {failed} | {:.0} |",
         verdicts.len(),
         begun.elapsed().as_secs_f64()
     );

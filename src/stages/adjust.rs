@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::bundle::{Bundle, BundleFailure, DatumPoints, adjust_what_holds, restore_rejected};
 use super::circles::{self, SETTLED_PX};
 use super::code_shape::CodeShapes;
-use super::lens::LensFreedom;
+use super::lens::{IMAGES_FOR_ALL, LensFreedom, Weighed, all_weighed, images_of_cameras, untold};
 use super::scale::{
     align_to_control, apply_frame, bars_in_reach, keep_frame, leave_frame, transform,
 };
@@ -14,8 +14,10 @@ use super::set_aside::{
     OF_OTHER_SHAPE, codes_set_aside, intersect_operators_points, operators_labels_not_used,
     set_code_aside,
 };
+use super::weak::weak_stations;
 use super::{Halt, StageError};
 use crate::adjustment::{AdjustmentError, BundleSettings, RobustAdjustment};
+use crate::camera::INTERIOR_NAMES;
 use crate::geometry::ThreeTwoOne;
 use crate::monitor::Monitor;
 use crate::network::{
@@ -33,8 +35,14 @@ const SHARE_TO_DOUBT_IMAGE: f64 = 0.5;
 /// Rounds of estimating circles and adjusting at most; two are the rule, since a circle depends on the network little.
 const ROUNDS_OF_CIRCLES: usize = 5;
 
-/// What the operator reads where self-calibration was not possible.
-const LOOSE_LENS: &str = "the images cannot tell all lens parameters: those they leave loose are held near nominal values";
+/// A lens parameter is weighed by what is known beforehand where the images alone leave it this share of that, or more.
+const LOOSE_SHARE: f64 = 0.3;
+
+/// Where even so its standard deviation stays this share of what is known beforehand, or more, the images do not tell it.
+const UNTOLD_SHARE: f64 = 0.7;
+
+/// Where the adjustment does not settle even then.
+const HELD_LENS: &str = "the images leave the lens so loose that most of its parameters are held at nominal values: the orientation is doubtful";
 
 /// Whether this adjustment has not been made on the present inputs, or for another frame.
 pub(super) fn is_outdated(network: &Network, stage: Stage) -> bool {
@@ -148,29 +156,75 @@ fn solve(
         Stage::Adjust => DatumPoints::Targets,
         _ => DatumPoints::All,
     };
-    let assemble = |network: &Network, freedom: LensFreedom| {
+    let assemble = |network: &Network, freedom: LensFreedom<'_>| {
         Bundle::assemble(network, freedom, datum).in_frame(network, frame)
     };
     let loose_lens =
         |finding: &Finding| (finding.stage, finding.kind) == (stage, FindingKind::Camera);
     Arc::make_mut(&mut network.findings).retain(|finding| !loose_lens(finding));
     let settings = BundleSettings::default();
-    let calibrated = |network: &Network| assemble(network, LensFreedom::Free);
-    match adjust_what_holds(network, calibrated, settings, monitor) {
-        Err(BundleFailure {
-            error: AdjustmentError::RankDefect { .. } | AdjustmentError::NotConverged(_),
-            ..
-        }) => {
-            network.note(Finding {
-                stage,
-                kind: FindingKind::Camera,
-                about: About::Project,
-                text: LOOSE_LENS.into(),
-            });
-            let held = |network: &Network| assemble(network, LensFreedom::Provisional);
-            adjust_what_holds(network, held, settings, monitor)
+    let mut weighed = Weighed::new();
+    loop {
+        let calibrated = |network: &Network| assemble(network, LensFreedom::Calibrated(&weighed));
+        match adjust_what_holds(network, calibrated, settings, monitor) {
+            Ok((bundle, robust)) => {
+                let sigmas = bundle.lens_sigmas(&robust.adjustment);
+                let loose = untold(network, &sigmas, LOOSE_SHARE);
+                if weighed.is_empty() && is_calibrated(network) && !loose.is_empty() {
+                    weighed = loose;
+                    continue;
+                }
+                tell_of_lenses(network, stage, &untold(network, &sigmas, UNTOLD_SHARE));
+                return Ok((bundle, robust));
+            }
+            Err(BundleFailure {
+                error: AdjustmentError::RankDefect { .. } | AdjustmentError::NotConverged(_),
+                ..
+            }) if weighed != all_weighed(network) => weighed = all_weighed(network),
+            Err(BundleFailure {
+                error: AdjustmentError::RankDefect { .. } | AdjustmentError::NotConverged(_),
+                ..
+            }) => {
+                network.note(Finding {
+                    stage,
+                    kind: FindingKind::Camera,
+                    about: About::Project,
+                    text: HELD_LENS.into(),
+                });
+                let held = |network: &Network| assemble(network, LensFreedom::Provisional);
+                return adjust_what_holds(network, held, settings, monitor);
+            }
+            other => return other,
         }
-        other => other,
+    }
+}
+
+/// Whether a camera has images enough to be calibrated.
+fn is_calibrated(network: &Network) -> bool {
+    let images = images_of_cameras(network);
+    images.values().any(|images| *images >= IMAGES_FOR_ALL)
+}
+
+/// A finding for each camera of which the images leave parameters untold.
+fn tell_of_lenses(network: &mut Network, stage: Stage, untold: &Weighed) {
+    let images = images_of_cameras(network);
+    for (id, untold) in untold {
+        let names: Vec<&str> = INTERIOR_NAMES
+            .iter()
+            .zip(untold)
+            .filter_map(|(name, untold)| untold.then_some(*name))
+            .collect();
+        let name = network.cameras[id].name.clone();
+        let count = images.get(id).copied().unwrap_or_default();
+        network.note(Finding {
+            stage,
+            kind: FindingKind::Camera,
+            about: About::Camera(name.clone()),
+            text: format!(
+                "camera '{name}': its {count} images do not tell {} from their orientations: held near nominal values",
+                names.join(", ")
+            ),
+        });
     }
 }
 
@@ -291,6 +345,7 @@ pub(super) fn findings(network: &Network, stage: Stage) -> Vec<Finding> {
     findings.extend(codes_set_aside(network, stage, OF_OTHER_SHAPE));
     findings.extend(operators_labels_not_used(network, stage));
     findings.extend(doubtful_images(network, stage));
+    findings.extend(weak_stations(network, stage));
     findings
 }
 

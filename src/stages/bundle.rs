@@ -90,7 +90,11 @@ pub(super) struct Bundle {
 
 impl Bundle {
     /// All used observations of points that two or more oriented images show.
-    pub(super) fn assemble(network: &Network, freedom: LensFreedom, datum: DatumPoints) -> Self {
+    pub(super) fn assemble(
+        network: &Network,
+        freedom: LensFreedom<'_>,
+        datum: DatumPoints,
+    ) -> Self {
         let points = points_with_rays(network);
         let point_index: BTreeMap<PointId, usize> = points
             .iter()
@@ -161,14 +165,14 @@ impl Bundle {
         } else {
             inner_constraints(datum, &points)
         };
-        let problem = BundleProblem {
+        let mut problem = BundleProblem {
             cameras: cameras
                 .iter()
                 .map(|id| {
                     let entry = &network.cameras[id];
                     CameraBlock {
                         camera: entry.camera.clone(),
-                        parameters: parameter_states(entry, freedom, images_of_camera[id]),
+                        parameters: parameter_states((*id, entry), freedom, images_of_camera[id]),
                     }
                 })
                 .collect(),
@@ -180,6 +184,7 @@ impl Bundle {
             frame: None,
             rejected: BTreeSet::new(),
         };
+        problem.rejected = far_off(&problem);
         Self {
             problem,
             datum: in_words,
@@ -381,6 +386,19 @@ impl Bundle {
         }
     }
 
+    /// Standard deviations of the interior orientations before they are scaled by sigma0.
+    pub(super) fn lens_sigmas(&self, adjustment: &Adjustment) -> Vec<(CameraId, [f64; 10])> {
+        let scale = adjustment.sigma0.max(f64::MIN_POSITIVE);
+        let cameras = self.cameras.iter().zip(&adjustment.cameras);
+        let sigma = |variance: f64| variance.max(0.0).sqrt() / scale;
+        cameras
+            .map(|(id, camera)| {
+                let of = |parameter| sigma(camera.covariance[(parameter, parameter)]);
+                (*id, std::array::from_fn(of))
+            })
+            .collect()
+    }
+
     fn bar_results(&self, network: &Network, adjustment: &Adjustment) -> Vec<BarResult> {
         bars_in_reach(network)
             .into_iter()
@@ -397,6 +415,39 @@ impl Bundle {
             })
             .collect()
     }
+}
+
+/// Observations far off their places for their station: gross errors that large would carry the iteration away before any test finds
+/// them. They are told as rejected like the others, and the next adjustment looks at them anew.
+fn far_off(problem: &BundleProblem) -> BTreeSet<usize> {
+    /// How far off, as a multiple of the station's median miss, and at least, px.
+    const MEDIANS: f64 = 8.0;
+    const LEAST_PX: f64 = 3.0;
+    let miss = |observation: &ImageObservation| {
+        let station = &problem.stations[observation.station];
+        let camera = &problem.cameras[station.camera].camera;
+        let point = &problem.points[observation.point].position;
+        let place = camera.project(&station.pose.camera_from_point(point));
+        place.map_or(f64::INFINITY, |place| (place - observation.pixel).norm())
+    };
+    let misses: Vec<f64> = problem.observations.iter().map(miss).collect();
+    let mut of_station: Vec<Vec<f64>> = vec![Vec::new(); problem.stations.len()];
+    for (observation, &miss) in problem.observations.iter().zip(&misses) {
+        of_station[observation.station].push(miss);
+    }
+    let limits: Vec<f64> = of_station
+        .into_iter()
+        .map(|mut misses| {
+            misses.sort_by(f64::total_cmp);
+            let median = misses.get(misses.len() / 2).copied().unwrap_or(0.0);
+            (MEDIANS * median).max(LEAST_PX)
+        })
+        .collect();
+    let observations = problem.observations.iter().zip(&misses).enumerate();
+    observations
+        .filter(|(_, (observation, miss))| **miss > limits[observation.station])
+        .map(|(index, _)| index)
+        .collect()
 }
 
 fn not_in_frame(label: &str) -> String {

@@ -6,9 +6,7 @@ use std::sync::Arc;
 use super::bundle::{Bundle, DatumPoints, adjust_what_holds, known_points, restore_rejected};
 use super::by_hand::{POINTS_BY_HAND, give_names};
 use super::lens::LensFreedom;
-use super::resection::{
-    KnownRay, dots_with_misses, intersect_new_points, known_rays, misfits, resect,
-};
+use super::resection::{KnownRay, intersect_new_points, known_rays, misfits, resect};
 use super::scale::apply_frame;
 use super::set_aside::{OFF_ITS_PLACE, codes_set_aside, set_code_aside};
 use super::{Halt, adjust};
@@ -103,7 +101,6 @@ pub(super) fn run(network: &mut Network, id: ImageId, monitor: &Monitor) -> Resu
 /// A bundle update of all that is connected: the lens held near its nominal values, gross errors left out for this time.
 pub(super) fn update(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> {
     restore_rejected(network);
-    gate(network);
     apply_frame(network);
     let held =
         |network: &Network| Bundle::assemble(network, LensFreedom::Provisional, DatumPoints::All);
@@ -121,33 +118,6 @@ pub(super) fn update(network: &mut Network, monitor: &Monitor) -> Result<(), Hal
         apply_frame(network);
     }
     Ok(())
-}
-
-/// Leaves out of this update what lies far off its place for its image: gross errors that large may carry the iteration away, and
-/// what is wrong here may be right in the next update.
-fn gate(network: &mut Network) {
-    /// How far off, as a multiple of the image's median miss, and at least, px.
-    const MEDIANS: f64 = 8.0;
-    const LEAST_PX: f64 = 3.0;
-    let ids: Vec<ImageId> = network.oriented_images().map(|(id, ..)| id).collect();
-    for id in ids {
-        let rays = dots_with_misses(network, id);
-        let mut misses: Vec<f64> = rays.iter().map(|(_, miss)| *miss).collect();
-        misses.sort_by(f64::total_cmp);
-        let Some(median) = misses.get(misses.len() / 2) else {
-            continue;
-        };
-        let limit = (MEDIANS * median).max(LEAST_PX);
-        if misses.last().is_none_or(|most| *most <= limit) {
-            continue;
-        }
-        let labels = Arc::make_mut(&mut network.image_mut(id).labels);
-        for (dot, miss) in rays {
-            if let Some(label) = labels.get_mut(&dot).filter(|_| miss > limit) {
-                label.rejected = Some(format!("{miss:.0} px off its place"));
-            }
-        }
-    }
 }
 
 /// Codes most of whose dots miss the resection by far. Where three or more images agree on the code, its reading is

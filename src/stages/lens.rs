@@ -6,15 +6,19 @@ use crate::adjustment::ParameterState;
 use crate::network::{CameraEntry, CameraId, InteriorSource, Network};
 
 /// How far the lens is let go.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum LensFreedom {
+#[derive(Clone, Copy, Debug)]
+pub(super) enum LensFreedom<'a> {
     /// Every parameter is held near its nominal value by what any real lens keeps to, and those that so few images of
     /// the camera cannot tell from their orientations keep it: K1 alone up to three images, no K3, P, B up to five.
     Provisional,
-    /// Self-calibration: every parameter is free but those known beforehand. A camera of fewer than
-    /// [`IMAGES_FOR_ALL`] oriented images stays provisional.
-    Free,
+    /// Self-calibration: every parameter is free but those known beforehand and the given ones; these, and all of a camera of fewer
+    /// than [`IMAGES_FOR_ALL`] oriented images, are weighed by what any real lens keeps to. What the images do not tell then
+    /// enters the standard deviations of everything else.
+    Calibrated(&'a Weighed),
 }
+
+/// Parameters (in the order of `INTERIOR_NAMES`) that the images cannot tell by themselves.
+pub(super) type Weighed = BTreeMap<CameraId, [bool; 10]>;
 
 /// Images from which c, x0, y0 and K2 are let go provisionally: with rolls and convergence they are no longer one with
 /// the orientations.
@@ -49,8 +53,8 @@ pub(super) fn images_of_cameras(network: &Network) -> BTreeMap<CameraId, usize> 
 
 /// The part that the ten parameters take, in the order of `INTERIOR_NAMES`; `images` are the camera's oriented ones.
 pub(super) fn parameter_states(
-    entry: &CameraEntry,
-    freedom: LensFreedom,
+    (id, entry): (CameraId, &CameraEntry),
+    freedom: LensFreedom<'_>,
     images: usize,
 ) -> [ParameterState; 10] {
     let nominal = entry.nominal.interior.to_vector();
@@ -59,7 +63,12 @@ pub(super) fn parameter_states(
         let value = nominal[parameter];
         match (entry.known_sigmas[parameter], freedom) {
             (Some(sigma), _) => ParameterState::Weighted { value, sigma },
-            (None, LensFreedom::Free) if images >= IMAGES_FOR_ALL => ParameterState::Free,
+            (None, LensFreedom::Calibrated(weighed))
+                if images >= IMAGES_FOR_ALL
+                    && !weighed.get(&id).is_some_and(|camera| camera[parameter]) =>
+            {
+                ParameterState::Free
+            }
             (None, LensFreedom::Provisional) if images < images_for(parameter) => {
                 ParameterState::Fixed
             }
@@ -69,6 +78,28 @@ pub(super) fn parameter_states(
             },
         }
     })
+}
+
+/// All parameters of all cameras.
+pub(super) fn all_weighed(network: &Network) -> Weighed {
+    network.cameras.keys().map(|id| (*id, [true; 10])).collect()
+}
+
+/// The parameters whose standard deviation (before it is scaled by sigma0) exceeds this share of what real lenses vary by: as much
+/// is known of them without any image.
+pub(super) fn untold(network: &Network, cameras: &[(CameraId, [f64; 10])], share: f64) -> Weighed {
+    let mut untold = Weighed::new();
+    for (id, sigmas) in cameras {
+        let entry = &network.cameras[id];
+        let usual = usual_sigmas(entry);
+        let loose = std::array::from_fn(|parameter| {
+            entry.known_sigmas[parameter].is_none() && sigmas[parameter] > share * usual[parameter]
+        });
+        if loose.contains(&true) {
+            untold.insert(*id, loose);
+        }
+    }
+    untold
 }
 
 /// Images from which a parameter (in the order of `INTERIOR_NAMES`) is let go provisionally.

@@ -29,6 +29,7 @@ mod set_aside;
 mod tests;
 #[cfg(test)]
 mod trial;
+mod weak;
 
 use std::sync::Arc;
 
@@ -226,6 +227,7 @@ impl Stage {
                 FindingKind::ScaleBar
                     | FindingKind::DoubtfulCode
                     | FindingKind::RejectedObservation
+                    | FindingKind::Connectivity
             );
         (own && !of_an_adjustment) || superseded
     }

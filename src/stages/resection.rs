@@ -202,29 +202,6 @@ pub(super) fn misfits(network: &Network, id: ImageId, rays: &[KnownRay]) -> Vec<
         .collect()
 }
 
-/// The dots of an oriented image whose points have coordinates, each with how far it lies from where its point is predicted,
-/// px; infinite where that is behind the camera.
-pub(super) fn dots_with_misses(network: &Network, id: ImageId) -> Vec<(DotIndex, f64)> {
-    let image = &network.images[&id];
-    let (Some(detections), Some(station)) = (&image.detections, &image.station) else {
-        return Vec::new();
-    };
-    let camera = &network.camera_of(image).camera;
-    let miss = |dot: DotIndex, point: PointId| {
-        let point = network.points.get(&point)?;
-        let place = camera.project(&station.pose.camera_from_point(&point.position));
-        let measured = &detections.dots[dot.slot()].centre_px;
-        Some((
-            dot,
-            place.map_or(f64::INFINITY, |place| (place - measured).norm()),
-        ))
-    };
-    let labels = image.used_labels();
-    labels
-        .filter_map(|(dot, label)| miss(dot, label.point))
-        .collect()
-}
-
 /// The pose that most points agree on; where two do as well, the one that the dots without a name speak for.
 fn by_consensus(
     network: &Network,

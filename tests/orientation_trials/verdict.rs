@@ -54,6 +54,8 @@ pub(crate) struct Verdict {
     pub(crate) wrong: Vec<(ImageId, f64, f64)>,
     /// Oriented wrongly, but told to be doubtful.
     pub(crate) doubted: Vec<ImageId>,
+    /// Within the predicted standard deviations, which are large, and told to be doubtful.
+    pub(crate) weak: Vec<ImageId>,
     /// Left out without a reason.
     pub(crate) silent: Vec<ImageId>,
 }
@@ -90,6 +92,10 @@ impl Verdict {
                 verdict.right += 1;
                 continue;
             }
+            if off <= SIGMAS * sigma && is_doubted(network, *id) {
+                verdict.weak.push(*id);
+                continue;
+            }
             if required.contains(id) {
                 verdict.missed.push(*id);
             }
@@ -123,13 +129,12 @@ fn has_reason(network: &Network, id: ImageId) -> bool {
 
 /// Whether the operator is told that an orientation is doubtful, by its own finding or one on the whole network.
 fn is_doubted(network: &Network, id: ImageId) -> bool {
-    let of_all = |f: &&Finding| matches!(f.kind, FindingKind::Connectivity | FindingKind::Camera);
-    network
-        .findings
-        .iter()
-        .filter(of_all)
-        .any(|f| f.text.contains("doubtful"))
-        || about(network, id).any(|f| f.text.contains("doubtful"))
+    let of_all = |f: &Finding| {
+        f.kind == FindingKind::StageFailed
+            || f.about == About::Project && f.text.contains("orientation is doubtful")
+    };
+    network.findings.iter().any(of_all)
+        || about(network, id).any(|f| f.text.contains("orientation is doubtful"))
 }
 
 /// The best fit of the network onto the truth over what agrees: most of the points, then most of the stations.

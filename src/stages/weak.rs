@@ -1,0 +1,78 @@
+//! Orientations that the observations hardly determine: the adjustment gives them, and the operator must not take them for good.
+
+use crate::network::{About, Finding, FindingKind, ImageEntry, ImageId, Network, Stage, Station};
+
+/// A station is weak where its standard deviation along the worst axis exceeds this share of its distance to the points: 3 mm at
+/// one metre, where good networks of codes alone have 0.7 mm at worst (Hattori et al., 2002).
+const WEAK_SHARE: f64 = 0.003;
+
+/// A station with a precision that makes it doubtful.
+struct Weak {
+    image: ImageId,
+    sigma: f64,
+    codes: usize,
+}
+
+/// A finding for each weak station; one for all where most are, as then it is not the single image that is to blame.
+pub(super) fn weak_stations(network: &Network, stage: Stage) -> Vec<Finding> {
+    let mut weak = Vec::new();
+    let mut all = 0;
+    for (id, image, station) in network.oriented_images() {
+        all += 1;
+        weak.extend(weakness(network, id, image, station));
+    }
+    if 2 * weak.len() > all {
+        let mut sigmas: Vec<f64> = weak.iter().map(|weak| weak.sigma).collect();
+        sigmas.sort_by(f64::total_cmp);
+        return vec![Finding {
+            stage,
+            kind: FindingKind::Connectivity,
+            about: About::Project,
+            text: format!(
+                "{} of {all} stations are known to {:.0} mm and worse only, so the orientation is doubtful: more images, turned by 90 \
+                 degrees and from other sides, would tell lens and stations apart",
+                weak.len(),
+                sigmas[0]
+            ),
+        }];
+    }
+    let told = weak.iter().map(|weak| {
+        let count = match weak.codes {
+            1 => "1 code".to_owned(),
+            n => format!("{n} codes"),
+        };
+        Finding {
+            stage,
+            kind: FindingKind::Connectivity,
+            about: About::Image(weak.image),
+            text: format!(
+                "{}: its station is known to {:.0} mm only, it hangs on {count}: its orientation is doubtful",
+                network.images[&weak.image].file.path, weak.sigma
+            ),
+        }
+    });
+    told.collect()
+}
+
+fn weakness(network: &Network, id: ImageId, image: &ImageEntry, station: &Station) -> Option<Weak> {
+    let covariance = station.covariance.as_ref()?;
+    let centre = covariance.fixed_view::<3, 3>(3, 3).into_owned();
+    let sigma = centre.symmetric_eigenvalues().max().max(0.0).sqrt();
+    let mut distances = Vec::new();
+    let mut codes = Vec::new();
+    for (_, label) in image.used_labels() {
+        if let Some(point) = network.points.get(&label.point) {
+            distances.push((point.position - station.pose.centre_in_world).norm());
+            codes.extend(label.point.code());
+        }
+    }
+    distances.sort_by(f64::total_cmp);
+    codes.sort_unstable();
+    codes.dedup();
+    let distance = *distances.get(distances.len() / 2)?;
+    (sigma > WEAK_SHARE * distance).then_some(Weak {
+        image: id,
+        sigma,
+        codes: codes.len(),
+    })
+}
