@@ -91,6 +91,9 @@ pub struct Attempt {
     pub basis: u64,
     /// Known points that the image showed at that time.
     pub known_points: usize,
+    /// Images that were oriented at that time: with more of them the points are known better, and it is tried again.
+    #[serde(default)]
+    pub oriented: usize,
     /// Why it failed, in the operator's words.
     pub reason: String,
 }

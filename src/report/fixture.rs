@@ -165,6 +165,7 @@ fn lost_image() -> ImageEntry {
     image.attempt = Some(Attempt {
         basis: 7,
         known_points: 1,
+        oriented: 2,
         reason: "too few codes".into(),
     });
     image

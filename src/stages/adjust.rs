@@ -14,7 +14,7 @@ use super::set_aside::{
     OF_OTHER_SHAPE, codes_set_aside, intersect_operators_points, operators_labels_not_used,
     set_code_aside,
 };
-use super::weak::weak_stations;
+use super::weak::{chance_orientations, weak_stations};
 use super::{Halt, StageError};
 use crate::adjustment::{AdjustmentError, BundleSettings, RobustAdjustment};
 use crate::camera::INTERIOR_NAMES;
@@ -346,6 +346,7 @@ pub(super) fn findings(network: &Network, stage: Stage) -> Vec<Finding> {
     findings.extend(operators_labels_not_used(network, stage));
     findings.extend(doubtful_images(network, stage));
     findings.extend(weak_stations(network, stage));
+    findings.extend(chance_orientations(network, stage));
     findings
 }
 

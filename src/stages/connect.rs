@@ -24,22 +24,38 @@ const POINTS_TO_CONNECT: usize = 4;
 /// Convergence of an update, in standard deviations of the observations: the next update moves everything further.
 const UPDATE_CONVERGENCE: f64 = 1e-2;
 
-/// The image that comes next: the one that shows most known points, of those not tried with as many before.
+/// The image that comes next: the one that shows most known points, of those not tried with as many before; then those that were, as
+/// long as others are connected meanwhile: the points are known better now, and the lens too.
 ///
 /// Cost: labelled dots of all images that are not connected yet.
 pub(super) fn next(network: &Network) -> Option<ImageId> {
-    network
+    let oriented = network.oriented_images().count();
+    let turn = |image: &ImageEntry, known: usize| {
+        let tried = image.attempt.as_ref().filter(|a| a.basis == network.inputs);
+        match tried {
+            Some(attempt) if known <= attempt.known_points => {
+                (oriented > attempt.oriented).then_some(Turn::Again)
+            }
+            _ => Some(Turn::New),
+        }
+    };
+    let waiting = network
         .used_images()
-        .filter(|(_, image)| image.station.is_none() && image.detections.is_some())
+        .filter(|(_, image)| image.station.is_none() && image.detections.is_some());
+    waiting
         .map(|(id, image)| (known_points(network, image), id, image))
-        .filter(|(known, _, image)| {
-            let tried = image.attempt.as_ref().filter(|a| a.basis == network.inputs);
-            is_enough(network, image, *known)
-                && tried.is_none_or(|attempt| *known > attempt.known_points)
-        })
+        .filter(|(known, _, image)| is_enough(network, image, *known))
+        .filter_map(|(known, id, image)| Some((turn(image, known)?, known, id)))
         // Most known points first; of equal ones the first image.
-        .min_by_key(|(known, id, _)| (std::cmp::Reverse(*known), *id))
-        .map(|(_, id, _)| id)
+        .min_by_key(|(turn, known, id)| (*turn, std::cmp::Reverse(*known), *id))
+        .map(|(.., id)| id)
+}
+
+/// Whether an image is tried with what is known now for the first time.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Turn {
+    New,
+    Again,
 }
 
 /// Whether an image with so many known points can be oriented.
@@ -61,6 +77,7 @@ pub(super) fn run(network: &mut Network, id: ImageId, monitor: &Monitor) -> Resu
             let attempt = Attempt {
                 basis: network.inputs,
                 known_points: rays.len(),
+                oriented: network.oriented_images().count(),
                 reason,
             };
             network.image_mut(id).attempt = Some(attempt);
@@ -90,6 +107,7 @@ pub(super) fn run(network: &mut Network, id: ImageId, monitor: &Monitor) -> Resu
             network.image_mut(id).attempt = Some(Attempt {
                 basis: network.inputs,
                 known_points: rays.len(),
+                oriented: network.oriented_images().count(),
                 reason: error.to_string(),
             });
             Ok(())

@@ -9,6 +9,7 @@
 mod adjust;
 mod bundle;
 mod by_hand;
+mod chance;
 #[cfg(test)]
 mod circle_tests;
 mod circles;

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use nalgebra::{Vector2, Vector3};
 
 use super::by_hand::{self, Confirmed, resect_from_three, three_by_hand};
+use super::chance::{UNLIKELY, dots_under, log_chance};
 use super::lens::{IMAGES_FOR_ALL, images_of_cameras};
 use crate::camera::Camera;
 use crate::geometry::{Pose, Ray, intersect_rays};
@@ -19,8 +20,8 @@ use crate::targets::{DotIndex, Family};
 /// points agree: a nominal lens is off by tens of pixels in the corners.
 const TOLERANCES_PX: [f64; 4] = [2.0, 5.0, 12.0, 25.0];
 
-/// Share of the known points that must agree with a pose.
-const SHARE_TO_AGREE: f64 = 0.6;
+/// Share of the known points that must agree with a pose, beside that they are not likely to do so by chance.
+const SHARE_TO_AGREE: f64 = 0.4;
 
 /// A dot farther off than so many tolerances does not take part in the refinement.
 const FAR_OFF: f64 = 4.0;
@@ -173,6 +174,13 @@ fn resect_from_all(network: &Network, id: ImageId, rays: &[KnownRay]) -> Result<
                 }
             },
         };
+        if log_chance(&dots_under(camera, &pose, rays), camera, tolerance_px) > UNLIKELY {
+            reason = format!(
+                "what agrees of its {} known points, within {tolerance_px:.0} px, might do so by chance",
+                rays.len()
+            );
+            continue;
+        }
         let limit = misfit_limit.max(3.0 * tolerance_px);
         let misfits = (0..rays.len())
             .filter(|&index| {

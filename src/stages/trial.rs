@@ -165,7 +165,7 @@ pub(super) fn images_that_show(codes_of_images: &[&[u32]]) -> Network {
     network
 }
 
-fn code_camera() -> crate::camera::Camera {
+pub(super) fn code_camera() -> crate::camera::Camera {
     crate::camera::Camera {
         width_px: 3072,
         height_px: 2048,

@@ -1,5 +1,6 @@
 //! Orientations that the observations hardly determine: the adjustment gives them, and the operator must not take them for good.
 
+use super::chance::{Dot, UNLIKELY, log_chance};
 use crate::network::{About, Finding, FindingKind, ImageEntry, ImageId, Network, Stage, Station};
 
 /// A station is weak where its standard deviation along the worst axis exceeds this share of its distance to the points: 3 mm at
@@ -75,4 +76,46 @@ fn weakness(network: &Network, id: ImageId, image: &ImageEntry, station: &Statio
         sigma,
         codes: codes.len(),
     })
+}
+
+/// A finding for each orientation that its dots, as they are named, might agree with by chance.
+pub(super) fn chance_orientations(network: &Network, stage: Stage) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    for (id, image, station) in network.oriented_images() {
+        let Some(detections) = &image.detections else {
+            continue;
+        };
+        let camera = &network.camera_of(image).camera;
+        let mut dots = Vec::new();
+        let mut largest = 0.0_f64;
+        for (dot, label) in image.labels.iter() {
+            let Some(point) = network.points.get(&label.point) else {
+                continue;
+            };
+            let pixel = detections.dots[dot.slot()].centre_px;
+            let place = camera.project(&station.pose.camera_from_point(&point.position));
+            let miss = place.map(|place| pixel - place);
+            if let (Some(miss), None) = (miss, &label.rejected) {
+                largest = largest.max(miss.norm());
+            }
+            dots.push(Dot {
+                point: label.point,
+                pixel,
+                miss,
+            });
+        }
+        if log_chance(&dots, camera, largest) > UNLIKELY {
+            findings.push(Finding {
+                stage,
+                kind: FindingKind::Connectivity,
+                about: About::Image(id),
+                text: format!(
+                    "{}: what agrees of its {} named dots might do so by chance: its orientation is doubtful",
+                    image.file.path,
+                    dots.len()
+                ),
+            });
+        }
+    }
+    findings
 }

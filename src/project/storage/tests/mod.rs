@@ -208,6 +208,7 @@ fn image(id: u32, next: &mut impl FnMut() -> f64) -> ImageEntry {
         attempt: Some(Attempt {
             basis: 2,
             known_points: 3,
+            oriented: 2,
             reason: "too few".into(),
         }),
         ..ImageEntry::new(file, CameraId(0))
