@@ -36,6 +36,7 @@ mod normals;
 mod problem;
 mod rejection;
 mod result;
+mod runaways;
 mod solver;
 mod statistics;
 mod step;

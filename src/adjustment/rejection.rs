@@ -2,10 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use nalgebra::Vector3;
-
 use super::datum::apply;
 use super::equations::State;
+use super::runaways::runaways;
 use super::solver::{LEAST_SCALE, SIGMA_FROM_MEDIAN, robust_scale};
 use super::statistics::median;
 use super::{
@@ -313,21 +312,12 @@ impl Snooping<'_> {
         }
     }
 
-    /// Drops points that the iteration carries away from the others: their rays do not meet, and a step far off costs nothing
-    /// more than one just far enough. Whether there are any.
+    /// Drops points that the iteration carries away from the others; whether there are any.
     fn drop_runaways(&mut self, state: &State) -> bool {
-        /// Distance from the middle of all points, as a multiple of the median one.
-        const FAR: f64 = 100.0;
         let rays = self.rays_of_points();
         let unknown = |p: &usize| rays[*p] > 0 && self.problem.points[*p].known_coordinates() == 0;
         let points: Vec<usize> = (0..state.points.len()).filter(unknown).collect();
-        let of_axis = |axis: usize| {
-            median(points.iter().map(|&p| state.points[p][axis]).collect()).unwrap_or(0.0)
-        };
-        let middle = Vector3::new(of_axis(0), of_axis(1), of_axis(2));
-        let distance = |p: &usize| (state.points[*p] - middle).norm();
-        let limit = FAR * median(points.iter().map(distance).collect()).unwrap_or(f64::INFINITY);
-        let away: Vec<usize> = points.into_iter().filter(|p| distance(p) > limit).collect();
+        let away = runaways(state, &points);
         for &point in &away {
             self.drop_point(point);
         }

@@ -6,7 +6,7 @@
 //! probability of each and `a0` that of a single place. A code of several dots shows its own shape besides: seen at a wrong place
 //! it would be turned, scaled and sheared otherwise, which its two axes tell each with a probability of their own.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Vector2;
 
@@ -67,6 +67,12 @@ pub(super) fn log_chance(dots: &[Dot], camera: &Camera, tolerance_px: f64) -> f6
         sum += place + log_shape(&within);
     }
     4_f64.log10() + log_binomial(all.max(3), 3) + log_binomial(all, agreeing) + sum - 3.0 * place
+}
+
+/// Whether all dots belong to one code: its shape gives the pose, and no other code speaks for its number or against it.
+pub(super) fn is_single_code(dots: &[Dot]) -> bool {
+    let codes: BTreeSet<Option<Code>> = dots.iter().map(|dot| dot.point.code()).collect();
+    codes.len() == 1 && !codes.contains(&None)
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

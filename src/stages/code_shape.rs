@@ -14,6 +14,9 @@ const SHAPE_TOLERANCE_PITCHES: f64 = 0.06;
 /// Largest difference of a code's size from that of the others, as a share.
 const SIZE_TOLERANCE: f64 = 0.06;
 
+/// Where the coordinates are less sure than that, the misfit may be so many of their standard deviations.
+const SIGMAS: f64 = 4.0;
+
 /// Fewest dots that tell a shape: three more than any three points fit.
 const DOTS_TO_TELL: usize = 5;
 
@@ -58,22 +61,32 @@ impl CodeShapes {
         }
     }
 
-    /// The codes of a network whose coordinates contradict their shape.
+    /// The codes of a network whose adjusted coordinates contradict their shape by more than their standard deviations explain.
     pub(super) fn contradicted(&self, network: &Network) -> Vec<u32> {
         codes_with_places(network)
             .into_iter()
             .filter(|(code, places)| {
-                shape(*code, places).is_some_and(|shape| !self.accepts(&shape))
+                shape(*code, places).is_some_and(|shape| {
+                    let sigma = mean_sigma(network, places) / shape.pitch;
+                    !self.accepts_within(&shape, SIGMAS * sigma)
+                })
             })
             .map(|(code, _)| code)
             .collect()
     }
 
     fn accepts(&self, shape: &Shape) -> bool {
+        self.accepts_within(shape, 0.0)
+    }
+
+    /// Whether a shape is a code's where its places may be off by as many pitches as are given.
+    fn accepts_within(&self, shape: &Shape, off_pitches: f64) -> bool {
         let size = self
             .pitch
             .map_or(0.0, |pitch| (shape.pitch / pitch - 1.0).abs());
-        shape.misfit_pitches < SHAPE_TOLERANCE_PITCHES && size < SIZE_TOLERANCE
+        // The size is told over the code's six pitches.
+        shape.misfit_pitches < SHAPE_TOLERANCE_PITCHES.max(off_pitches)
+            && size < SIZE_TOLERANCE.max(off_pitches / 6.0)
     }
 }
 
@@ -93,6 +106,16 @@ pub(super) fn normal_of_code(network: &Network, code: u32) -> Option<Vector3<f64
         .try_normalize(1e-12)
 }
 
+/// Root mean square standard deviation of adjusted coordinates.
+fn mean_sigma(network: &Network, places: &BTreeMap<PointId, Vector3<f64>>) -> f64 {
+    let variances: Vec<f64> = places
+        .keys()
+        .filter_map(|id| Some(network.points.get(id)?.covariance?.trace() / 3.0))
+        .collect();
+    (variances.iter().sum::<f64>() / variances.len().max(1) as f64).sqrt()
+}
+
+/// The adjusted places of codes: coordinates that take no part stand where the network was before.
 fn codes_with_places(network: &Network) -> BTreeMap<u32, BTreeMap<PointId, Vector3<f64>>> {
     let mut codes: BTreeMap<u32, BTreeMap<PointId, Vector3<f64>>> = BTreeMap::new();
     for (&id, point) in network.points.iter() {
@@ -101,6 +124,7 @@ fn codes_with_places(network: &Network) -> BTreeMap<u32, BTreeMap<PointId, Vecto
             code,
             ..
         } = id
+            && point.covariance.is_some()
         {
             codes.entry(code).or_default().insert(id, point.position);
         }

@@ -132,6 +132,8 @@ pub(super) fn update(network: &mut Network, monitor: &Monitor) -> Result<(), Hal
     let (bundle, robust) =
         adjust_what_holds(network, held, settings, monitor).map_err(adjust::halt)?;
     bundle.write_back(network, &robust.adjustment);
+    // What took no part stands where the network was before, and is intersected anew.
+    Arc::make_mut(&mut network.points).retain(|_, point| point.covariance.is_some());
     if !bundle.stands_on_control() {
         apply_frame(network);
     }

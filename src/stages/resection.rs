@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::{Vector2, Vector3};
 
 use super::by_hand::{self, Confirmed, resect_from_three, three_by_hand};
-use super::chance::{UNLIKELY, dots_under, log_chance};
+use super::chance::{UNLIKELY, dots_under, is_single_code, log_chance};
 use super::lens::{IMAGES_FOR_ALL, images_of_cameras};
 use crate::camera::Camera;
 use crate::geometry::{Pose, Ray, intersect_rays};
@@ -174,7 +174,9 @@ fn resect_from_all(network: &Network, id: ImageId, rays: &[KnownRay]) -> Result<
                 }
             },
         };
-        if log_chance(&dots_under(camera, &pose, rays), camera, tolerance_px) > UNLIKELY {
+        let dots = dots_under(camera, &pose, rays);
+        // A single code may be all there is: the image is told to be doubtful at the end.
+        if !is_single_code(&dots) && log_chance(&dots, camera, tolerance_px) > UNLIKELY {
             reason = format!(
                 "what agrees of its {} known points, within {tolerance_px:.0} px, might do so by chance",
                 rays.len()
