@@ -524,7 +524,7 @@ impl View<'_> {
                 // A number that is nowhere else.
                 0 => {
                     readings[index].0 =
-                        self.world.free[random.random_range(0..self.world.free.len())]
+                        self.world.free[random.random_range(0..self.world.free.len())];
                 }
                 // Two numbers exchanged.
                 1 if left > 0 => {
@@ -543,7 +543,7 @@ impl View<'_> {
                 // The number of another code of the object.
                 _ => {
                     readings[index].0 =
-                        self.world.codes[random.random_range(0..self.world.codes.len())].id
+                        self.world.codes[random.random_range(0..self.world.codes.len())].id;
                 }
             }
         }
