@@ -40,7 +40,7 @@ fn main() {
             (scene, verdict, seconds)
         })
         .collect();
-    let mut sum = [0; 8];
+    let mut sum = [0; 9];
     for (scene, verdict, seconds) in &verdicts {
         let parts = [
             verdict.images,
@@ -51,6 +51,7 @@ fn main() {
             verdict.doubted.len(),
             verdict.silent.len(),
             verdict.weak.len(),
+            verdict.weak_required,
         ];
         for (sum, part) in sum.iter_mut().zip(parts) {
             *sum += part;
@@ -84,13 +85,14 @@ fn main() {
         doubted,
         silent,
         weak,
+        weak_required,
     ] = sum;
     println!(
-        "| measurements | images | required | right | required, but missed | wrong | wrong, but told | too weak, and told | left out without a reason | measurements with a failure | s |"
+        "| measurements | images | required | right | required, but missed | wrong | wrong, but told | too weak, and told (required) | left out without a reason | measurements with a failure | s |"
     );
     println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
     println!(
-        "| {} | {images} | {required} | {right} | {missed} | {wrong} | {doubted} | {weak} | {silent} | {failed} | {:.0} |",
+        "| {} | {images} | {required} | {right} | {missed} | {wrong} | {doubted} | {weak} ({weak_required}) | {silent} | {failed} | {:.0} |",
         verdicts.len(),
         begun.elapsed().as_secs_f64()
     );

@@ -56,6 +56,8 @@ pub(crate) struct Verdict {
     pub(crate) doubted: Vec<ImageId>,
     /// Within the predicted standard deviations, which are large, and told to be doubtful.
     pub(crate) weak: Vec<ImageId>,
+    /// How many of those are required.
+    pub(crate) weak_required: usize,
     /// Left out without a reason.
     pub(crate) silent: Vec<ImageId>,
 }
@@ -94,6 +96,7 @@ impl Verdict {
             }
             if off <= SIGMAS * sigma && is_doubted(network, *id) {
                 verdict.weak.push(*id);
+                verdict.weak_required += usize::from(required.contains(id));
                 continue;
             }
             if required.contains(id) {
