@@ -19,16 +19,19 @@ fn verdicts(numbers: impl IntoIterator<Item = u64>) -> Vec<(u64, Verdict)> {
 
 #[test]
 fn images_that_share_codes_are_oriented_right_and_none_wrongly() {
-    for (number, verdict) in verdicts(0..24) {
-        assert!(verdict.holds(), "{number}: {verdict:?}");
+    // Two pictures with a lens to be told (162, 172) and wrong numbers that carried the adjustment away (196) failed once.
+    for (number, verdict) in verdicts((0..24).chain([162, 172, 196])) {
+        // To be told that all is doubtful is not enough.
+        let told = verdict.weak_required + verdict.doubted.len();
+        assert!(verdict.holds() && told == 0, "{number}: {verdict:?}");
     }
 }
 
-/// What failed once: few images with a lens to be told (130, 162, 172), wrong numbers that carried the adjustment away (179, 196),
-/// poses that three points and chance agreed on (242, 352).
+/// Where the images tell no more: few of them with a lens to be told (130, 179), poses that three points and chance agreed on (242,
+/// 352).
 #[test]
 fn what_failed_once_is_never_wrong_again() {
-    for (number, verdict) in verdicts([130, 162, 172, 179, 196, 242, 352]) {
+    for (number, verdict) in verdicts([130, 179, 242, 352]) {
         let unseen = verdict.wrong.len() + verdict.silent.len();
         assert_eq!(unseen, 0, "{number}: {verdict:?}");
     }

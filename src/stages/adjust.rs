@@ -177,14 +177,12 @@ fn solve(
                 tell_of_lenses(network, stage, &untold(network, &sigmas, UNTOLD_SHARE));
                 return Ok((bundle, robust));
             }
-            Err(BundleFailure {
-                error: AdjustmentError::RankDefect { .. } | AdjustmentError::NotConverged(_),
-                ..
-            }) if weighed != all_weighed(network) => weighed = all_weighed(network),
-            Err(BundleFailure {
-                error: AdjustmentError::RankDefect { .. } | AdjustmentError::NotConverged(_),
-                ..
-            }) => {
+            Err(failure) if failure.leaves_unknowns_loose() => {
+                let all = all_weighed(network);
+                if weighed != all {
+                    weighed = all;
+                    continue;
+                }
                 network.note(Finding {
                     stage,
                     kind: FindingKind::Camera,

@@ -8,7 +8,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector3};
 
 use super::resection::KnownRay;
 use crate::camera::Camera;
@@ -25,15 +25,25 @@ pub(super) struct Dot {
     pub(super) miss: Option<Vector2<f64>>,
 }
 
+impl Dot {
+    /// A dot of a point at this position, under a pose.
+    pub(super) fn under(
+        camera: &Camera,
+        pose: &Pose,
+        (point, position): (PointId, &Vector3<f64>),
+        pixel: Vector2<f64>,
+    ) -> Self {
+        let place = camera.project(&pose.camera_from_point(position));
+        let miss = place.map(|place| pixel - place);
+        Self { point, pixel, miss }
+    }
+}
+
 /// The dots of known points under a pose.
 pub(super) fn dots_under(camera: &Camera, pose: &Pose, rays: &[KnownRay]) -> Vec<Dot> {
     let dot = |ray: &KnownRay| {
-        let place = camera.project(&pose.camera_from_point(&ray.observation.point));
-        Dot {
-            point: ray.point,
-            pixel: ray.observation.pixel,
-            miss: place.map(|place| ray.observation.pixel - place),
-        }
+        let seen = &ray.observation;
+        Dot::under(camera, pose, (ray.point, &seen.point), seen.pixel)
     };
     rays.iter().map(dot).collect()
 }

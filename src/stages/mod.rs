@@ -21,6 +21,7 @@ mod distance_search;
 mod first_pair;
 #[cfg(test)]
 mod frame_tests;
+mod gross;
 mod identify;
 mod lens;
 mod resection;

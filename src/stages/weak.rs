@@ -93,16 +93,12 @@ pub(super) fn chance_orientations(network: &Network, stage: Stage) -> Vec<Findin
                 continue;
             };
             let pixel = detections.dots[dot.slot()].centre_px;
-            let place = camera.project(&station.pose.camera_from_point(&point.position));
-            let miss = place.map(|place| pixel - place);
-            if let (Some(miss), None) = (miss, &label.rejected) {
+            let known = (label.point, &point.position);
+            let dot = Dot::under(camera, &station.pose, known, pixel);
+            if let (Some(miss), None) = (dot.miss, &label.rejected) {
                 largest = largest.max(miss.norm());
             }
-            dots.push(Dot {
-                point: label.point,
-                pixel,
-                miss,
-            });
+            dots.push(dot);
         }
         if log_chance(&dots, camera, largest) > UNLIKELY {
             findings.push(Finding {

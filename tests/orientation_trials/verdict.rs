@@ -1,7 +1,5 @@
 //! What became of a random measurement.
 
-use std::collections::{BTreeMap, BTreeSet};
-
 use nalgebra::{Matrix3, Vector3};
 use tiepoint::geometry::{Scale, Similarity, fit_similarity};
 use tiepoint::imaging::GreyImage;
@@ -173,21 +171,4 @@ fn fit(scene: &Scene, network: &Network) -> Option<Similarity> {
         }
     }
     Some(best)
-}
-
-/// Codes that images share, for the words on a failure.
-pub(crate) fn shared(scene: &Scene) -> BTreeMap<ImageId, usize> {
-    let mut seen: BTreeMap<_, BTreeSet<ImageId>> = BTreeMap::new();
-    for (id, shown) in &scene.shown {
-        for code in &shown.right {
-            seen.entry(*code).or_default().insert(*id);
-        }
-    }
-    let count =
-        |shown: &super::scene::Shown| shown.right.iter().filter(|c| seen[c].len() > 1).count();
-    scene
-        .shown
-        .iter()
-        .map(|(id, shown)| (*id, count(shown)))
-        .collect()
 }
