@@ -1,7 +1,11 @@
-//! Codes under hard conditions against truth: `cargo bench --bench codes -- N [FAMILY] [KIND]` (N trials of every kind of the
-//! families and kinds whose names begin with these words; without N a thousand).
+//! Codes under hard conditions against truth: `cargo bench --bench codes -- N [FAMILY] [KIND] [FROM]` (N trials, numbered from
+//! FROM or 0, of every kind of the families and kinds whose names begin with these words; without N a thousand).
 
-#![allow(clippy::print_stdout, reason = "a program whose result is its table")]
+#![allow(
+    clippy::print_stdout,
+    clippy::print_stderr,
+    reason = "a program whose result is its table"
+)]
 
 #[path = "../tests/code_trials/mod.rs"]
 mod code_trials;
@@ -18,6 +22,9 @@ fn main() {
     let count: u64 = words.first().map_or(1000, |word| {
         word.parse().expect("the number of trials comes first")
     });
+    let from: u64 = words
+        .get(3)
+        .map_or(0, |word| word.parse().expect("FROM is a number"));
     let wanted =
         |place: usize, name: &str| words.get(place).is_none_or(|word| name.starts_with(word));
     println!(
@@ -30,7 +37,7 @@ fn main() {
             continue;
         }
         let begun = Instant::now();
-        let tally = kind.run(count);
+        let (tally, bad) = kind.run(from..from + count);
         let share = |part: usize| match tally.shown {
             0 => "-".to_owned(),
             shown => format!("{:.3} %", 100.0 * part as f64 / shown as f64),
@@ -48,5 +55,8 @@ fn main() {
             tally.wrong_doubtful,
             1e6 * begun.elapsed().as_secs_f64() / tally.trials.max(1) as f64
         );
+        if !bad.is_empty() {
+            eprintln!("{family}, {}: wrong in trials {bad:?}", kind.name);
+        }
     }
 }

@@ -9,7 +9,12 @@ fn run(wanted: impl Fn(&Kind) -> bool, count: u64) -> Vec<(String, Tally)> {
     kinds()
         .into_iter()
         .filter(wanted)
-        .map(|kind| (format!("{} {}", kind.family, kind.name), kind.run(count)))
+        .map(|kind| {
+            (
+                format!("{} {}", kind.family, kind.name),
+                kind.run(0..count).0,
+            )
+        })
         .collect()
 }
 

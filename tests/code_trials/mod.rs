@@ -12,8 +12,7 @@ pub(crate) mod ring_scene;
 pub(crate) mod rings;
 pub(crate) mod six_dots;
 
-use std::iter::Sum;
-use std::ops::Add;
+use std::ops::{Add, Range};
 
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
@@ -72,12 +71,6 @@ impl Add for Tally {
     }
 }
 
-impl Sum for Tally {
-    fn sum<I: Iterator<Item = Self>>(trials: I) -> Self {
-        trials.fold(Self::default(), Add::add)
-    }
-}
-
 /// One kind of trial of one family.
 pub(crate) struct Kind {
     pub(crate) family: Family,
@@ -98,14 +91,18 @@ impl Kind {
         }
     }
 
-    /// The trials number 0 to `count` - 1.
-    pub(crate) fn run(&self, count: u64) -> Tally {
-        (0..count)
+    /// The trials with these numbers, and the numbers of those that read a wrong number without a doubt.
+    pub(crate) fn run(&self, numbers: Range<u64>) -> (Tally, Vec<u64>) {
+        numbers
             .into_par_iter()
-            .map(|number| self.once(number))
-            .collect::<Vec<_>>()
-            .into_iter()
-            .sum()
+            .map(|number| {
+                let tally = self.once(number);
+                (tally, Vec::from_iter((tally.wrong > 0).then_some(number)))
+            })
+            .reduce(Default::default, |(tally, mut bad), (more, mut other)| {
+                bad.append(&mut other);
+                (tally + more, bad)
+            })
     }
 
     /// The trial with this number.
