@@ -8,7 +8,7 @@ use crate::targets::dot::{MeasuredDot, View};
 /// Pixels within this radius belong to the code, in radii of the dot: the ring and the beginning of the ground.
 const REACH: f64 = 3.2;
 /// The smaller semi-axis of a dot keeps at least so many pixels when the picture is reduced, for up to fourteen segments; more
-/// are narrower, and what covers a part of one must show as well.
+/// are narrower, and leave more numbers to be mistaken for: what moves a border by the same share of a segment must show better.
 const LEAST_RADIUS: f64 = 4.0;
 const SEGMENTS: f64 = 14.0;
 /// Variance of a pixel's square, pixels^2.
@@ -45,7 +45,7 @@ impl Patch {
     ) -> Option<Self> {
         let minor = dot.ellipse.axes()?.minor;
         let most = f64::from(segments.iter().copied().max()?);
-        let step = ((minor / (LEAST_RADIUS * (most / SEGMENTS).max(1.0))) as usize).max(1);
+        let step = ((minor / (LEAST_RADIUS * (most / SEGMENTS).max(1.0).powi(2))) as usize).max(1);
         let spread = (frame.map * frame.map.transpose()).diagonal();
         // The perspective moves the outline a little: the frame itself says what is used.
         let half = spread.map(|square| 1.05 * REACH * square.sqrt());
