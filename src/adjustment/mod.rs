@@ -30,6 +30,7 @@ mod circle;
 mod datum;
 mod equations;
 mod error;
+mod factor;
 mod frame;
 mod layout;
 mod normals;
@@ -37,6 +38,7 @@ mod problem;
 mod rejection;
 mod result;
 mod runaways;
+mod settling;
 mod solver;
 mod statistics;
 mod step;
@@ -66,6 +68,7 @@ pub use result::{
     AdjustedCamera, AdjustedPoint, AdjustedStation, Adjustment, DistanceStatistics,
     ImageStatistics, ObservationStatus,
 };
+pub use settling::{Settled, SettledPoint, settle};
 pub use solver::{BundleSolver, Iteration, Phase, Termination, TerminationKind};
 
 use crate::monitor::Monitor;

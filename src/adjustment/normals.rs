@@ -1,28 +1,55 @@
-//! Normal equations with the points eliminated (Schur, 1917; Brown, 1958), their factorisation and inverse.
+//! Normal equations with the points eliminated (Schur, 1917; Brown, 1958).
+//!
+//! First every point is looked at by itself; then the reduced system is summed in panels of columns, each by one thread and over the
+//! points in their order. So a sum has one order on any number of threads, nothing is summed twice, and what one code's dots
+//! add to stays in the cache.
 
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix3, SMatrix, Vector2, Vector3};
+use std::ops::Range;
+
+use nalgebra::{Cholesky, DMatrix, DVector, Matrix3, SMatrix, Vector2, Vector3};
+use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
 
-use super::datum::FreeMotions;
 use super::equations::{Equations, State};
-use super::layout::{Layout, PointFrame};
+use super::layout::{Layout, PointFrame, Ray};
 use super::{AdjustmentError, BundleProblem, ParameterName, ParameterState};
 
 /// A pivot below this part of the unknown's own normal matrix diagonal is rounding: the unknown is not determined.
-const PIVOT_FLOOR: f64 = 1e-13;
+pub(super) const PIVOT_FLOOR: f64 = 1e-13;
 
-/// Eigenvalues of the scaled normal matrix below this belong to the null space that an error names.
-const NULL_EIGENVALUE: f64 = 1e-11;
+/// Columns of the reduced system that are summed together: eight stations.
+const PANEL: usize = 48;
 
-/// An unknown is named in a rank defect when it moves at least this part of the one that moves most.
-const NAMED_SHARE: f64 = 0.1;
+/// The coupling `Y` of an eliminated point, coordinate by coordinate; places as in [`PointFrame::index`].
+#[derive(Clone, Debug)]
+pub(super) struct Coupling([Vec<f64>; 3]);
 
-/// An eliminated point: `V^-1`, its right side, and the coupling `Y` (rows as [`PointFrame::index`]).
+/// An eliminated point: `V^-1`, its right side, and its coupling.
 #[derive(Clone, Debug)]
 pub(super) struct PointNormal {
-    pub(super) coupling: Vec<Vector3<f64>>,
+    pub(super) coupling: Coupling,
     pub(super) inverse: Matrix3<f64>,
     pub(super) right_side: Vector3<f64>,
+}
+
+impl Coupling {
+    fn zeros(places: usize) -> Self {
+        Self(std::array::from_fn(|_| vec![0.0; places]))
+    }
+
+    fn add(&mut self, place: usize, by: &Vector3<f64>) {
+        for (row, value) in self.0.iter_mut().zip(by.iter()) {
+            row[place] += value;
+        }
+    }
+
+    pub(super) fn at(&self, place: usize) -> Vector3<f64> {
+        Vector3::new(self.0[0][place], self.0[1][place], self.0[2][place])
+    }
+
+    pub(super) fn iter(&self) -> impl Iterator<Item = Vector3<f64>> {
+        (0..self.0[0].len()).map(|place| self.at(place))
+    }
 }
 
 /// The reduced normal equations `S dx = g`.
@@ -36,12 +63,34 @@ pub(super) struct Normals {
     pub(super) points: Vec<Option<PointNormal>>,
 }
 
-struct ChunkSum {
-    reduced: DMatrix<f64>,
-    right_side: DVector<f64>,
-    diagonal: DVector<f64>,
-    points: Vec<Option<PointNormal>>,
-    loose: Vec<usize>,
+/// What a point is by itself.
+enum Looked {
+    Kept,
+    Eliminated(PointNormal),
+    /// Its rays do not intersect.
+    Loose,
+}
+
+/// Some columns of the reduced system.
+struct Panel<'a> {
+    /// The first one.
+    from: usize,
+    /// The matrix's values of these columns.
+    reduced: &'a mut [f64],
+    right_side: &'a mut [f64],
+    diagonal: &'a mut [f64],
+}
+
+/// The equations of an iteration.
+#[derive(Clone, Copy)]
+struct System<'a> {
+    problem: &'a BundleProblem,
+    layout: &'a Layout,
+    state: &'a State,
+    equations: &'a Equations,
+    /// Of the image observations, 1/px^2.
+    weights: &'a [f64],
+    damping: f64,
 }
 
 /// Whitened derivatives of a ray by the unknowns of its frame, and by its point.
@@ -62,47 +111,60 @@ impl Normals {
         weights: &[f64],
         damping: f64,
     ) -> Result<Self, AdjustmentError> {
-        let size = chunk_size(layout);
-        let chunks: Vec<ChunkSum> = layout
-            .frames
-            .par_chunks(size)
-            .map(|frames| {
-                let mut sum = ChunkSum {
-                    reduced: DMatrix::zeros(layout.kept, layout.kept),
-                    right_side: DVector::zeros(layout.kept),
-                    diagonal: DVector::zeros(layout.kept),
-                    points: Vec::with_capacity(frames.len()),
-                    loose: Vec::new(),
-                };
-                for frame in frames {
-                    sum.add_point(problem, layout, state, frame, equations, weights, damping);
-                }
-                sum
-            })
-            .collect();
-        let mut normals = Self {
-            reduced: DMatrix::zeros(layout.kept, layout.kept),
-            right_side: DVector::zeros(layout.kept),
-            unreduced_diagonal: DVector::zeros(layout.kept),
-            points: Vec::with_capacity(layout.frames.len()),
+        let system = System {
+            problem,
+            layout,
+            state,
+            equations,
+            weights,
+            damping,
         };
+        let frames = layout.frames.par_iter().with_min_len(16);
+        let looked: Vec<Looked> = frames.map(|frame| system.look_at(frame)).collect();
         let mut loose = Vec::new();
-        for chunk in chunks {
-            normals.reduced += chunk.reduced;
-            normals.right_side += chunk.right_side;
-            normals.unreduced_diagonal += chunk.diagonal;
-            normals.points.extend(chunk.points);
-            loose.extend(chunk.loose);
+        let mut points = Vec::with_capacity(looked.len());
+        for (frame, looked) in layout.frames.iter().zip(looked) {
+            points.push(match looked {
+                Looked::Kept => None,
+                Looked::Eliminated(normal) => Some(normal),
+                Looked::Loose => {
+                    loose.push(ParameterName::Point { index: frame.point });
+                    None
+                }
+            });
         }
         if !loose.is_empty() {
             return Err(AdjustmentError::RankDefect {
                 defect: loose.len(),
-                loose: loose
-                    .into_iter()
-                    .map(|index| ParameterName::Point { index })
-                    .collect(),
+                loose,
             });
         }
+        let mut normals = Self {
+            reduced: DMatrix::zeros(layout.kept, layout.kept),
+            right_side: DVector::zeros(layout.kept),
+            unreduced_diagonal: DVector::zeros(layout.kept),
+            points,
+        };
+        let values = normals.reduced.as_mut_slice();
+        let panels = values.par_chunks_mut((PANEL * layout.kept).max(1));
+        let sums = normals.right_side.as_mut_slice().par_chunks_mut(PANEL);
+        let diagonals = normals.unreduced_diagonal.as_mut_slice();
+        let panels = panels.zip(sums.zip(diagonals.par_chunks_mut(PANEL)));
+        let points = &normals.points;
+        panels
+            .enumerate()
+            .for_each(|(number, (reduced, (right_side, diagonal)))| {
+                let mut panel = Panel {
+                    from: PANEL * number,
+                    reduced,
+                    right_side,
+                    diagonal,
+                };
+                let points = layout.frames.iter().zip(points);
+                for (frame, normal) in points {
+                    panel.add_point(&system, frame, normal.as_ref());
+                }
+            });
         normals.add_distances(problem, layout, equations);
         normals.add_camera_priors(problem, layout, state);
         for i in 0..layout.kept {
@@ -192,19 +254,10 @@ pub(super) fn distance_row(
         .collect()
 }
 
-/// Frames a chunk: it depends on the problem alone, so that sums are the same on any number of threads; few enough
-/// chunks that their dense sums fit into memory.
-fn chunk_size(layout: &Layout) -> usize {
-    const SUMS_BYTES: usize = 128 << 20;
-    let bytes = (8 * layout.kept * layout.kept).max(1);
-    let chunks = (SUMS_BYTES / bytes).clamp(1, 16);
-    layout.frames.len().div_ceil(chunks).max(1)
-}
-
 /// The derivatives of a used or predicted ray times the root of `weight`.
 pub(super) fn whitened_rows(
     layout: &Layout,
-    ray: &super::layout::Ray,
+    ray: &Ray,
     equation: &super::equations::RayEquation,
     weight: f64,
 ) -> RayRows {
@@ -221,11 +274,7 @@ pub(super) fn whitened_rows(
 
 impl RayRows {
     /// Pairs of (place in the frame, derivative of both coordinates) of all kept unknowns of this ray.
-    pub(super) fn kept(
-        &self,
-        ray: &super::layout::Ray,
-        own_at: Option<usize>,
-    ) -> Vec<(usize, Vector2<f64>)> {
+    pub(super) fn kept(&self, ray: &Ray, own_at: Option<usize>) -> Vec<(usize, Vector2<f64>)> {
         let mut rows = Vec::with_capacity(9 + self.by_camera.len());
         rows.extend((0..6).map(|k| (ray.station_at + k, self.by_station.column(k).into_owned())));
         rows.extend(
@@ -241,106 +290,159 @@ impl RayRows {
     }
 }
 
-impl ChunkSum {
-    #[allow(
-        clippy::too_many_arguments,
-        reason = "one state of the solver, read only"
-    )]
-    fn add_point(
-        &mut self,
-        problem: &BundleProblem,
-        layout: &Layout,
-        state: &State,
-        frame: &PointFrame,
-        equations: &Equations,
-        weights: &[f64],
-        damping: f64,
-    ) {
-        let mut coupling = vec![Vector3::zeros(); frame.index.len()];
-        let n = layout.kept;
+impl System<'_> {
+    /// The normal equations of a point by itself.
+    fn look_at(&self, frame: &PointFrame) -> Looked {
+        if frame.own_at.is_some() {
+            return Looked::Kept;
+        }
+        let mut coupling = Coupling::zeros(frame.index.len());
         let mut own = Matrix3::zeros();
-        let mut own_right = Vector3::zeros();
+        let mut right_side = Vector3::zeros();
         for ray in frame.rays.iter().filter(|r| r.used) {
-            let Some(equation) = &equations.rays[ray.observation] else {
+            let Some((rows, residual)) = self.rows(ray) else {
                 continue;
             };
-            let weight = weights[ray.observation];
-            let rows = whitened_rows(layout, ray, equation, weight);
-            let residual = equation.residual * weight.sqrt();
-            let kept = rows.kept(ray, frame.own_at);
-            for (k, &(a, by_a)) in kept.iter().enumerate() {
-                let i = frame.index[a];
-                self.right_side[i] -= by_a.dot(&residual);
-                self.diagonal[i] += by_a.norm_squared();
-                let column = &mut self.reduced.as_mut_slice()[n * i..n * (i + 1)];
-                // Places rise within a ray, so that what follows lies below the diagonal.
-                for &(b, by_b) in &kept[k..] {
-                    column[frame.index[b]] += by_a.dot(&by_b);
-                }
-                coupling[a] += rows.by_point.transpose() * by_a;
+            let by_point = rows.by_point.transpose();
+            for (a, by_a) in rows.kept(ray, None) {
+                coupling.add(a, &(by_point * by_a));
             }
-            own += rows.by_point.transpose() * rows.by_point;
-            own_right -= rows.by_point.transpose() * residual;
+            own += by_point * rows.by_point;
+            right_side -= by_point * residual;
         }
-        let position = state.points[frame.point];
-        for axis in 0..3 {
-            if let Some(prior) = problem.points[frame.point].prior[axis] {
-                let weight = prior.sigma.powi(-2);
-                let right = -weight * (position[axis] - prior.value);
-                if let Some(at) = frame.own_at {
-                    let i = frame.index[at + axis];
-                    self.reduced[(i, i)] += weight;
-                    self.diagonal[i] += weight;
-                    self.right_side[i] += right;
-                } else {
-                    own[(axis, axis)] += weight;
-                    own_right[axis] += right;
-                }
-            }
-        }
-        if frame.own_at.is_some() {
-            self.points.push(None);
-            return;
+        for (axis, weight, right) in self.priors(frame) {
+            own[(axis, axis)] += weight;
+            right_side[axis] += right;
         }
         for axis in 0..3 {
-            own[(axis, axis)] *= 1.0 + damping;
+            own[(axis, axis)] *= 1.0 + self.damping;
         }
         match inverse_of_point(&own) {
-            Some(inverse) => {
-                let normal = PointNormal {
-                    coupling,
-                    inverse,
-                    right_side: own_right,
-                };
-                self.eliminate(frame, &normal);
-                self.points.push(Some(normal));
-            }
-            None => {
-                self.loose.push(frame.point);
-                self.points.push(None);
-            }
+            Some(inverse) => Looked::Eliminated(PointNormal {
+                coupling,
+                inverse,
+                right_side,
+            }),
+            None => Looked::Loose,
         }
     }
 
-    fn eliminate(&mut self, frame: &PointFrame, normal: &PointNormal) {
-        let q = frame.index.len();
-        let coupling: [Vec<f64>; 3] =
-            std::array::from_fn(|k| normal.coupling.iter().map(|y| y[k]).collect());
-        let n = self.reduced.nrows();
-        let matrix = self.reduced.as_mut_slice();
-        let mut products = vec![0.0; q];
-        for (b, y) in normal.coupling.iter().enumerate() {
-            let j = frame.index[b];
-            let z = normal.inverse * y;
-            self.right_side[j] -= z.dot(&normal.right_side);
-            let [x0, x1, x2] = [&coupling[0][b..], &coupling[1][b..], &coupling[2][b..]];
-            let products = &mut products[b..];
-            for (((p, x0), x1), x2) in products.iter_mut().zip(x0).zip(x1).zip(x2) {
-                *p = x0 * z.x + x1 * z.y + x2 * z.z;
+    /// The whitened derivatives and residual of a ray.
+    fn rows(&self, ray: &Ray) -> Option<(RayRows, Vector2<f64>)> {
+        let equation = self.equations.rays[ray.observation].as_ref()?;
+        let weight = self.weights[ray.observation];
+        let rows = whitened_rows(self.layout, ray, equation, weight);
+        Some((rows, equation.residual * weight.sqrt()))
+    }
+
+    /// Axis, weight and right side of the known coordinates of a point.
+    fn priors(&self, frame: &PointFrame) -> impl Iterator<Item = (usize, f64, f64)> {
+        let position = self.state.points[frame.point];
+        let priors = self.problem.points[frame.point].prior.iter().enumerate();
+        priors.filter_map(move |(axis, prior)| {
+            let prior = prior.as_ref()?;
+            let weight = prior.sigma.powi(-2);
+            let right = -weight * (position[axis] - prior.value);
+            Some((axis, weight, right))
+        })
+    }
+}
+
+impl Panel<'_> {
+    fn add_point(&mut self, system: &System<'_>, frame: &PointFrame, normal: Option<&PointNormal>) {
+        let to = self.from + self.diagonal.len();
+        let first = frame.index.partition_point(|&i| i < self.from);
+        let end = frame.index.partition_point(|&i| i < to);
+        if first == end {
+            return;
+        }
+        let places = first..end;
+        for ray in frame.rays.iter().filter(|ray| ray.used) {
+            let touched = places.contains(&ray.station_at)
+                || ray.camera_at < end && ray.camera_at + 10 > first
+                || frame.own_at.is_some_and(|own| own < end && own + 3 > first);
+            if touched {
+                self.add_ray(system, frame, ray);
             }
-            let column = &mut matrix[n * j..n * (j + 1)];
-            for (p, &i) in products.iter().zip(&frame.index[b..]) {
-                column[i] -= p;
+        }
+        if let Some(own) = frame.own_at {
+            for (axis, weight, right) in system.priors(frame) {
+                let i = frame.index[own + axis];
+                if (self.from..to).contains(&i) {
+                    self.column(i)[i] += weight;
+                    self.diagonal[i - self.from] += weight;
+                    self.right_side[i - self.from] += right;
+                }
+            }
+        }
+        if let Some(normal) = normal {
+            let elimination = Elimination {
+                panel: self,
+                frame,
+                normal,
+                places,
+            };
+            Arch::new().dispatch(elimination);
+        }
+    }
+
+    fn column(&mut self, index: usize) -> &mut [f64] {
+        let size = self.reduced.len() / self.diagonal.len();
+        &mut self.reduced[size * (index - self.from)..][..size]
+    }
+
+    fn add_ray(&mut self, system: &System<'_>, frame: &PointFrame, ray: &Ray) {
+        let Some((rows, residual)) = system.rows(ray) else {
+            return;
+        };
+        let kept = rows.kept(ray, frame.own_at);
+        let columns = self.from..self.from + self.diagonal.len();
+        for (k, &(a, by_a)) in kept.iter().enumerate() {
+            let i = frame.index[a];
+            if !columns.contains(&i) {
+                continue;
+            }
+            self.right_side[i - self.from] -= by_a.dot(&residual);
+            self.diagonal[i - self.from] += by_a.norm_squared();
+            let column = self.column(i);
+            // Places rise within a ray, so that what follows lies below the diagonal.
+            for &(b, by_b) in &kept[k..] {
+                column[frame.index[b]] += by_a.dot(&by_b);
+            }
+        }
+    }
+}
+
+/// Takes an eliminated point out of the columns of a panel.
+///
+/// Cost: the squared number of the point's rays, summed over all panels.
+struct Elimination<'a, 'p> {
+    panel: &'a mut Panel<'p>,
+    frame: &'a PointFrame,
+    normal: &'a PointNormal,
+    /// Places of the point's frame that lie in the panel.
+    places: Range<usize>,
+}
+
+impl NullaryFnOnce for Elimination<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Coupling([x, y, z]) = &self.normal.coupling;
+        for b in self.places {
+            let j = self.frame.index[b];
+            let by = self.normal.inverse * self.normal.coupling.at(b);
+            self.panel.right_side[j - self.panel.from] -= by.dot(&self.normal.right_side);
+            let column = self.panel.column(j);
+            for run in &self.frame.runs[self.frame.run_of(b)..] {
+                let from = run.place.max(b);
+                let length = run.place + run.length - from;
+                let below = &mut column[run.index + from - run.place..][..length];
+                let [x, y, z] = [x, y, z].map(|values| &values[from..][..length]);
+                for (((value, x), y), z) in below.iter_mut().zip(x).zip(y).zip(z) {
+                    *value -= x * by.x + y * by.y + z * by.z;
+                }
             }
         }
     }
@@ -353,207 +455,4 @@ fn inverse_of_point(own: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     let regular = (0..3).all(|k| l[(k, k)] * l[(k, k)] > 0.1 * PIVOT_FLOOR * own[(k, k)]);
     let inverse = regular.then(|| cholesky.inverse())?;
     Some((inverse + inverse.transpose()) / 2.0)
-}
-
-/// The factorised reduced system, made regular by the rows `B` of the datum matrix: `D (S) D + B B^T = L L^T` with unit
-/// diagonal `D S D` and orthonormal columns of `B`, so that neither spoils the digits of the other.
-pub(super) struct Factor {
-    scale: DVector<f64>,
-    cholesky: Cholesky<f64, Dyn>,
-}
-
-impl Factor {
-    pub(super) fn new(
-        normals: &Normals,
-        layout: &Layout,
-        state: &State,
-        free: &FreeMotions,
-    ) -> Result<Self, AdjustmentError> {
-        let null_vectors = free.kept_rows(layout, state);
-        let diagonal = normals.reduced.diagonal();
-        let unreduced = &normals.unreduced_diagonal;
-        let n = diagonal.len();
-        let determined = (0..n).all(|i| diagonal[i] > PIVOT_FLOOR * unreduced[i]);
-        if !determined {
-            return Err(rank_defect(normals, layout, state, free));
-        }
-        let scale = diagonal.map(|d| 1.0 / d.sqrt());
-        let matrix = regularised(&normals.reduced, &scale, &null_vectors);
-        let Some(cholesky) = Cholesky::new(matrix) else {
-            return Err(rank_defect(normals, layout, state, free));
-        };
-        let l = cholesky.l_dirty();
-        let regular =
-            (0..n).all(|i| l[(i, i)] * l[(i, i)] * diagonal[i] > PIVOT_FLOOR * unreduced[i]);
-        if !regular {
-            return Err(rank_defect(normals, layout, state, free));
-        }
-        Ok(Self { scale, cholesky })
-    }
-
-    pub(super) fn solve(&self, right_side: &DVector<f64>) -> DVector<f64> {
-        self.cholesky
-            .solve(&right_side.component_mul(&self.scale))
-            .component_mul(&self.scale)
-    }
-
-    /// The inverse of the regularised reduced matrix, both triangles.
-    pub(super) fn inverse(&self) -> DMatrix<f64> {
-        let l = self.cholesky.l_dirty();
-        let n = l.nrows();
-        // Column j of L^-1 is zero above row j.
-        let columns: Vec<Vec<f64>> = (0..n)
-            .into_par_iter()
-            .map(|j| {
-                let mut x = vec![0.0; n - j];
-                x[0] = 1.0;
-                for k in j..n {
-                    let column = l.column(k);
-                    let value = x[k - j] / column[k];
-                    x[k - j] = value;
-                    let below = &column.as_slice()[k + 1..];
-                    for (x, l) in x[k - j + 1..].iter_mut().zip(below) {
-                        *x -= value * l;
-                    }
-                }
-                x
-            })
-            .collect();
-        let lower: Vec<Vec<f64>> = (0..n)
-            .into_par_iter()
-            .map(|j| {
-                (j..n)
-                    .map(|i| dot(&columns[i], &columns[j][i - j..]) * self.scale[i] * self.scale[j])
-                    .collect()
-            })
-            .collect();
-        let mut inverse = DMatrix::zeros(n, n);
-        for (j, column) in lower.iter().enumerate() {
-            for (k, &value) in column.iter().enumerate() {
-                inverse[(j + k, j)] = value;
-                inverse[(j, j + k)] = value;
-            }
-        }
-        inverse
-    }
-}
-
-/// The scalar product in eight interleaved sums: their order is fixed, and the processor can do them side by side.
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    const LANES: usize = 8;
-    let mut sums = [0.0; LANES];
-    let (a_chunks, b_chunks) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
-    let rest = a_chunks.remainder().iter().zip(b_chunks.remainder());
-    let rest: f64 = rest.map(|(a, b)| a * b).sum();
-    for (a, b) in a_chunks.zip(b_chunks) {
-        for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
-            *sum += a * b;
-        }
-    }
-    sums.iter().sum::<f64>() + rest
-}
-
-/// `D S D + B B^T`, lower triangle, with `B` the orthonormalised `D^-1 null_vectors`.
-fn regularised(
-    reduced: &DMatrix<f64>,
-    scale: &DVector<f64>,
-    null_vectors: &DMatrix<f64>,
-) -> DMatrix<f64> {
-    let n = reduced.nrows();
-    let mut matrix = DMatrix::zeros(n, n);
-    for j in 0..n {
-        for i in j..n {
-            matrix[(i, j)] = reduced[(i, j)] * scale[i] * scale[j];
-        }
-    }
-    if null_vectors.ncols() > 0 {
-        let scaled = DMatrix::from_fn(n, null_vectors.ncols(), |i, k| {
-            null_vectors[(i, k)] / scale[i]
-        });
-        let basis = scaled.qr().q();
-        for k in 0..basis.ncols() {
-            let b = basis.column(k);
-            for j in 0..n {
-                for i in j..n {
-                    matrix[(i, j)] += b[i] * b[j];
-                }
-            }
-        }
-    }
-    matrix
-}
-
-/// Names what the observations leave loose, from the null space of the reduced system.
-fn rank_defect(
-    normals: &Normals,
-    layout: &Layout,
-    state: &State,
-    free: &FreeMotions,
-) -> AdjustmentError {
-    let scale = normals
-        .unreduced_diagonal
-        .map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 1.0 });
-    let datum = free.kept_rows(layout, state);
-    let mut matrix = regularised(&normals.reduced, &scale, &datum);
-    matrix.fill_upper_triangle_with_lower_triangle();
-    let eigen = matrix.symmetric_eigen();
-    let smallest = eigen.eigenvalues.min();
-    let floor = (NULL_EIGENVALUE * eigen.eigenvalues.max()).max(smallest);
-    let mut shares = vec![0.0; layout.kept];
-    let mut defect = 0;
-    for k in (0..layout.kept).filter(|&k| eigen.eigenvalues[k] <= floor) {
-        defect += 1;
-        let motion = eigen.eigenvectors.column(k).component_mul(&scale);
-        let motion = in_datum(normals, layout, state, free, &datum, motion);
-        for (share, value) in shares.iter_mut().zip(motion.component_div(&scale).iter()) {
-            *share += value * value;
-        }
-    }
-    let largest = shares.iter().copied().fold(0.0, f64::max);
-    let mut order: Vec<usize> = (0..layout.kept)
-        .filter(|&i| shares[i] >= NAMED_SHARE * NAMED_SHARE * largest)
-        .collect();
-    order.sort_by(|a, b| shares[*b].total_cmp(&shares[*a]).then(a.cmp(b)));
-    let mut loose = Vec::new();
-    for i in order {
-        let name = layout.name(i);
-        if !loose.contains(&name) {
-            loose.push(name);
-        }
-    }
-    AdjustmentError::RankDefect { defect, loose }
-}
-
-/// A motion of the reduced system as it looks when the datum points stay where they are in the mean.
-fn in_datum(
-    normals: &Normals,
-    layout: &Layout,
-    state: &State,
-    free: &FreeMotions,
-    datum: &DMatrix<f64>,
-    motion: DVector<f64>,
-) -> DVector<f64> {
-    let Ok(h) = free.s_transformation(layout, state) else {
-        return motion;
-    };
-    let mut amount = DVector::zeros(free.defect());
-    for (frame, normal) in layout.frames.iter().zip(&normals.points) {
-        let Ok(at) = layout.datum_points.binary_search(&frame.point) else {
-            continue;
-        };
-        let mut shift = Vector3::zeros();
-        match (normal, frame.own_at) {
-            (Some(normal), _) => {
-                for (y, &i) in normal.coupling.iter().zip(&frame.index) {
-                    shift -= normal.inverse * y * motion[i];
-                }
-            }
-            (None, Some(own)) => {
-                shift = Vector3::from_fn(|k, _| motion[frame.index[own + k]]);
-            }
-            (None, None) => {}
-        }
-        amount += &h[at] * shift;
-    }
-    motion - datum * amount
 }

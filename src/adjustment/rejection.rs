@@ -105,15 +105,15 @@ struct Verdict {
     w: Option<f64>,
 }
 
-struct Snooping<'a> {
-    problem: BundleProblem,
+pub(super) struct Snooping<'a> {
+    pub(super) problem: BundleProblem,
     bundle: BundleSettings,
     settings: &'a RejectionSettings,
-    state: State,
+    pub(super) state: State,
     rejected: BTreeMap<usize, Verdict>,
     /// Restored once already: they may be rejected again but not restored again, so that the passes end.
     restored: BTreeSet<usize>,
-    dropped: BTreeSet<usize>,
+    pub(super) dropped: BTreeSet<usize>,
 }
 
 /// Adjusts, rejects the largest normalised residuals of each point and station, and adjusts again until none is too
@@ -131,16 +131,7 @@ pub fn adjust_with_rejection(
     monitor: &Monitor,
 ) -> Result<RobustAdjustment, AdjustmentError> {
     let task = monitor.task("Adjusting", 0);
-    let mut snooping = Snooping {
-        problem: problem.clone(),
-        bundle,
-        settings,
-        state: State::start(problem),
-        rejected: BTreeMap::new(),
-        restored: BTreeSet::new(),
-        dropped: BTreeSet::new(),
-    };
-    snooping.drop_thin_points();
+    let mut snooping = Snooping::new(problem, bundle, settings);
     snooping.start_robustly(&task)?;
     let mut passes = 0;
     loop {
@@ -159,9 +150,27 @@ pub fn adjust_with_rejection(
     }
 }
 
-impl Snooping<'_> {
+impl<'a> Snooping<'a> {
+    pub(super) fn new(
+        problem: &BundleProblem,
+        bundle: BundleSettings,
+        settings: &'a RejectionSettings,
+    ) -> Self {
+        let mut snooping = Self {
+            problem: problem.clone(),
+            bundle,
+            settings,
+            state: State::start(problem),
+            rejected: BTreeMap::new(),
+            restored: BTreeSet::new(),
+            dropped: BTreeSet::new(),
+        };
+        snooping.drop_thin_points();
+        snooping
+    }
+
     /// Robust iterations, then the coarse test, until the latter finds nothing.
-    fn start_robustly(&mut self, task: &Task<'_>) -> Result<(), AdjustmentError> {
+    pub(super) fn start_robustly(&mut self, task: &Task<'_>) -> Result<(), AdjustmentError> {
         if self.settings.robust_start == RobustStart::Off {
             return Ok(());
         }
@@ -284,7 +293,7 @@ impl Snooping<'_> {
             .collect()
     }
 
-    fn rays_of_points(&self) -> Vec<usize> {
+    pub(super) fn rays_of_points(&self) -> Vec<usize> {
         let mut rays = vec![0; self.problem.points.len()];
         for (o, used) in self.problem.observations.iter().zip(self.used()) {
             rays[o.point] += usize::from(used);

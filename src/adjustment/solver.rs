@@ -5,9 +5,10 @@ use serde::{Deserialize, Serialize};
 
 use super::datum::{FreeMotions, move_onto_datum};
 use super::equations::{Equations, State, distance_equation, image_residuals, trial_residuals};
+use super::factor::Factor;
 use super::frame::move_into_frame;
 use super::layout::Layout;
-use super::normals::{Factor, Normals};
+use super::normals::Normals;
 use super::statistics::{self, median};
 use super::step::Step;
 use super::{

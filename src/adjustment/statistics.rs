@@ -5,9 +5,10 @@ use rayon::prelude::*;
 
 use super::datum::FreeMotions;
 use super::equations::{Equations, State};
+use super::factor::Factor;
 use super::frame::STransformation;
 use super::layout::{Layout, PointFrame, PointRole};
-use super::normals::{Factor, Normals, distance_row, whitened_rows};
+use super::normals::{Normals, distance_row, whitened_rows};
 use super::solver::other_squares;
 use super::{
     AdjustedCamera, AdjustedPoint, AdjustedStation, Adjustment, AdjustmentError, BundleProblem,
@@ -259,7 +260,8 @@ fn point_statistics(
     // Cofactors of the kept unknowns with the point, and of the point itself (block inverse).
     let (cross, own) = match (&normals.points[at], frame.own_at) {
         (Some(normal), _) => {
-            let reduced = DMatrix::from_fn(q, 3, |i, k| (normal.inverse * normal.coupling[i])[k]);
+            let reduced =
+                DMatrix::from_fn(q, 3, |i, k| (normal.inverse * normal.coupling.at(i))[k]);
             let cross = -(&local * &reduced);
             let own = normal.inverse - (reduced.transpose() * &cross).fixed_view::<3, 3>(0, 0);
             (cross, own)

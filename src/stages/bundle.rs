@@ -9,7 +9,8 @@ use super::scale::{bars_in_reach, scale_source};
 use crate::adjustment::{
     Adjustment, AdjustmentError, BundleProblem, BundleSettings, CameraBlock, CoordinatePrior,
     Datum, DistanceObservation, ImageObservation, ObservationStatus, ParameterName, PointBlock,
-    ProblemPart, RejectionSettings, RobustAdjustment, StationBlock, adjust_with_rejection,
+    ProblemPart, RejectionSettings, RobustAdjustment, Settled, SettledPoint, StationBlock,
+    adjust_with_rejection, settle,
 };
 use crate::camera::INTERIOR_NAMES;
 use crate::geometry::ThreeTwoOne;
@@ -327,6 +328,31 @@ impl Bundle {
         }
     }
 
+    /// Puts estimates without their precision into the network; what took no part has no coordinates.
+    pub(super) fn write_back_settled(&self, network: &mut Network, settled: &Settled) {
+        for (id, &pose) in self.images.iter().zip(&settled.poses) {
+            network.image_mut(*id).station = Some(Station {
+                pose,
+                covariance: None,
+            });
+        }
+        for (id, camera) in self.cameras.iter().zip(&settled.cameras) {
+            network.camera_mut(*id).camera = camera.clone();
+        }
+        let points = self.points.iter().zip(&settled.points);
+        let point = |(id, settled): (&PointId, &Option<SettledPoint>)| {
+            let settled = settled.as_ref()?;
+            let point = Point {
+                position: settled.position,
+                covariance: None,
+                rays: settled.rays as u32,
+                circle: settled.circle,
+            };
+            Some((*id, Arc::new(point)))
+        };
+        network.points = Arc::new(points.filter_map(point).collect());
+    }
+
     /// Marks the observations that the test rejected; they keep their label.
     pub(super) fn mark_rejected(&self, network: &mut Network, adjustment: &Adjustment) {
         for ((image, dot), row) in self.rows.iter().zip(&adjustment.observations) {
@@ -443,19 +469,44 @@ pub(super) fn adjust_what_holds(
     settings: BundleSettings,
     monitor: &Monitor,
 ) -> Result<(Bundle, RobustAdjustment), BundleFailure> {
+    what_holds(network, assemble, |bundle, rejection| {
+        adjust_with_rejection(&bundle.problem, settings, rejection, monitor)
+    })
+}
+
+/// The same without precision and fine tests.
+///
+/// # Errors
+/// As [`settle`].
+pub(super) fn settle_what_holds(
+    network: &mut Network,
+    assemble: impl Fn(&Network) -> Bundle,
+    settings: BundleSettings,
+    monitor: &Monitor,
+) -> Result<(Bundle, Settled), BundleFailure> {
+    what_holds(network, assemble, |bundle, rejection| {
+        settle(&bundle.problem, settings, rejection, monitor)
+    })
+}
+
+fn what_holds<T>(
+    network: &mut Network,
+    assemble: impl Fn(&Network) -> Bundle,
+    adjust: impl Fn(&Bundle, &RejectionSettings) -> Result<T, AdjustmentError>,
+) -> Result<(Bundle, T), BundleFailure> {
     let rejection = RejectionSettings {
         critical: network.settings.critical_w,
         ..RejectionSettings::default()
     };
     loop {
         let bundle = assemble(network);
-        match adjust_with_rejection(&bundle.problem, settings, &rejection, monitor) {
+        match adjust(&bundle, &rejection) {
             Err(AdjustmentError::StationUnderdetermined { station, found })
                 if bundle.images.len() > 2 =>
             {
                 set_image_aside(network, bundle.images[station], found);
             }
-            Ok(robust) => return Ok((bundle, robust)),
+            Ok(adjusted) => return Ok((bundle, adjusted)),
             Err(error) => return Err(bundle.failure(network, error)),
         }
     }

@@ -1,15 +1,24 @@
-//! Connecting images one by one: resection, intersection of new points, bundle update.
+//! Connecting images in waves: resection, intersection of new points, bundle update.
+//!
+//! While a network is small, every image bends it: one is connected at a time, and the update tests every dot. Later a wave takes
+//! in half as many images as there are, each by itself, and the update that follows only keeps gross errors from bending
+//! anything; so there are some twenty updates for a thousand images.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use super::bundle::{Bundle, DatumPoints, adjust_what_holds, known_points, restore_rejected};
+use nalgebra::{Matrix2, Vector2};
+use rayon::prelude::*;
+
+use super::bundle::{
+    Bundle, DatumPoints, adjust_what_holds, known_points, restore_rejected, settle_what_holds,
+};
 use super::by_hand::{POINTS_BY_HAND, give_names};
 use super::lens::LensFreedom;
-use super::resection::{KnownRay, intersect_new_points, known_rays, misfits, resect};
+use super::resection::{FoundPose, KnownRay, intersect_new_points, known_rays, misfits, resect};
 use super::scale::apply_frame;
 use super::set_aside::{OFF_ITS_PLACE, codes_set_aside, set_code_aside};
-use super::{Halt, adjust};
+use super::{Advance, Halt, adjust};
 use crate::adjustment::BundleSettings;
 use crate::monitor::Monitor;
 use crate::network::{
@@ -24,11 +33,20 @@ const POINTS_TO_CONNECT: usize = 4;
 /// Convergence of an update, in standard deviations of the observations: the next update moves everything further.
 const UPDATE_CONVERGENCE: f64 = 1e-2;
 
-/// The image that comes next: the one that shows most known points, of those not tried with as many before; then those that were, as
+/// Oriented images from which more than one is connected at a time.
+const IMAGES_FOR_WAVES: usize = 12;
+
+/// Images of a wave, as a share of the oriented ones.
+const WAVE_SHARE: f64 = 0.5;
+
+/// An image waits for the next wave where it gains less than this share of what the best one does.
+const SHARE_OF_GAIN: f64 = 0.1;
+
+/// The images that come next: those that gain most, of those not tried with as many known points before; then those that were, as
 /// long as others are connected meanwhile: the points are known better now, and the lens too.
 ///
 /// Cost: labelled dots of all images that are not connected yet.
-pub(super) fn next(network: &Network) -> Option<ImageId> {
+pub(super) fn next(network: &Network) -> Option<Vec<ImageId>> {
     let oriented = network.oriented_images().count();
     let turn = |image: &ImageEntry, known: usize| {
         let tried = image.attempt.as_ref().filter(|a| a.basis == network.inputs);
@@ -42,13 +60,72 @@ pub(super) fn next(network: &Network) -> Option<ImageId> {
     let waiting = network
         .used_images()
         .filter(|(_, image)| image.station.is_none() && image.detections.is_some());
-    waiting
-        .map(|(id, image)| (known_points(network, image), id, image))
-        .filter(|(known, _, image)| is_enough(network, image, *known))
-        .filter_map(|(known, id, image)| Some((turn(image, known)?, known, id)))
-        // Most known points first; of equal ones the first image.
-        .min_by_key(|(turn, known, id)| (*turn, std::cmp::Reverse(*known), *id))
-        .map(|(.., id)| id)
+    let mut candidates: Vec<Candidate> = waiting
+        .filter_map(|(id, image)| {
+            let prospect = Prospect::of(network, image);
+            let turn = turn(image, prospect.known)?;
+            is_enough(network, image, prospect.known).then_some(Candidate {
+                turn,
+                gain: prospect.gain(),
+                id,
+            })
+        })
+        .collect();
+    candidates.sort_by(|a, b| {
+        let by_gain = b.gain.total_cmp(&a.gain);
+        a.turn.cmp(&b.turn).then(by_gain).then(a.id.cmp(&b.id))
+    });
+    let first = candidates.first()?;
+    let (turn, least) = (first.turn, SHARE_OF_GAIN * first.gain);
+    let most = match oriented {
+        0..IMAGES_FOR_WAVES => 1,
+        _ => (WAVE_SHARE * oriented as f64) as usize,
+    };
+    let wave = candidates.iter().take(most);
+    let wave = wave.take_while(|c| c.turn == turn && c.gain >= least);
+    Some(wave.map(|candidate| candidate.id).collect())
+}
+
+/// An image that may come next.
+struct Candidate {
+    turn: Turn,
+    gain: f64,
+    id: ImageId,
+}
+
+/// The known points that an image shows.
+#[derive(Default)]
+struct Prospect {
+    known: usize,
+    sum: Vector2<f64>,
+    squares: Matrix2<f64>,
+}
+
+impl Prospect {
+    fn of(network: &Network, image: &ImageEntry) -> Self {
+        let mut prospect = Self::default();
+        let Some(detections) = &image.detections else {
+            return prospect;
+        };
+        for (dot, label) in image.used_labels() {
+            if network.points.contains_key(&label.point) {
+                let place = detections.dots[dot.slot()].centre_px;
+                prospect.known += 1;
+                prospect.sum += place;
+                prospect.squares += place * place.transpose();
+            }
+        }
+        prospect
+    }
+
+    /// What a resection from them can be expected to know: the sum of their squared distances, px^2, from the line on which they
+    /// come nearest to lying. The weight of the least certain direction grows with it, for the number of points and for
+    /// how far they spread.
+    fn gain(&self) -> f64 {
+        let count = (self.known as f64).max(1.0);
+        let scatter = self.squares - self.sum * self.sum.transpose() / count;
+        scatter.symmetric_eigenvalues().min().max(0.0)
+    }
 }
 
 /// Whether an image is tried with what is known now for the first time.
@@ -66,57 +143,123 @@ fn is_enough(network: &Network, image: &ImageEntry, known: usize) -> bool {
     known >= POINTS_TO_CONNECT || by_hand.count() >= POINTS_BY_HAND
 }
 
-/// Connects one image, or records why it cannot be connected now.
-pub(super) fn run(network: &mut Network, id: ImageId, monitor: &Monitor) -> Result<(), Halt> {
-    let task = monitor.task(format!("connecting {}", network.images[&id].file.path), 3);
-    task.step()?;
-    let rays = known_rays(network, id);
+/// Connects these images, or records why they cannot be connected now. Where it is interrupted, those stay connected that were
+/// resected until then.
+pub(super) fn run(
+    mut network: Network,
+    ids: &[ImageId],
+    monitor: &Monitor,
+) -> Result<Advance, Halt> {
+    let task = monitor.task(title(&network, ids), ids.len() as u64);
     let before = network.clone();
-    let open = match resect(network, id, &rays) {
-        Err(reason) => {
-            let attempt = Attempt {
-                basis: network.inputs,
-                known_points: rays.len(),
-                oriented: network.oriented_images().count(),
-                reason,
-            };
-            network.image_mut(id).attempt = Some(attempt);
-            return Ok(());
-        }
-        Ok(resection) => {
-            let open = settle_misfits(network, id, &rays, &resection.misfits);
-            let image = network.image_mut(id);
-            image.station = Some(Station {
-                pose: resection.pose,
-                covariance: None,
-            });
-            image.attempt = None;
-            give_names(image, &resection.named);
-            Arc::make_mut(&mut network.connection_order).push(id);
-            open
-        }
-    };
-    task.step()?;
-    intersect_new_points(network);
-    settle_minority(network, &open);
-    task.step()?;
-    match update(network, monitor) {
+    let resected: Vec<Option<Resected>> = ids
+        .par_iter()
+        .map(|&id| {
+            task.step().ok()?;
+            Some(Resected::of(&before, id))
+        })
+        .collect();
+    let done: Vec<Resected> = resected.into_iter().flatten().collect();
+    let interrupted = done.len() < ids.len();
+    if interrupted && done.is_empty() {
+        return Err(Halt::Interrupted);
+    }
+    let mut open = BTreeSet::new();
+    let mut connected = false;
+    for resected in &done {
+        connected |= resected.enter(&mut network, &mut open);
+    }
+    if !connected || interrupted {
+        return Ok(Advance {
+            network,
+            complete: !interrupted,
+        });
+    }
+    intersect_new_points(&mut network);
+    settle_minority(&mut network, &open);
+    let grown = network.clone();
+    match update(&mut network, monitor) {
+        Ok(()) => Ok(Advance::complete(network)),
+        Err(Halt::Interrupted) => Ok(Advance {
+            network: grown,
+            complete: false,
+        }),
         // The others were adjusted without it before: it is this image that they cannot be adjusted with.
-        Err(Halt::Failed(error)) => {
-            *network = before;
-            network.image_mut(id).attempt = Some(Attempt {
-                basis: network.inputs,
-                known_points: rays.len(),
-                oriented: network.oriented_images().count(),
-                reason: error.to_string(),
-            });
-            Ok(())
-        }
-        other => other,
+        Err(Halt::Failed(error)) => match ids {
+            [id] => {
+                let mut network = before;
+                done[0].refuse(&mut network, *id, error.to_string());
+                Ok(Advance::complete(network))
+            }
+            // One of several: they are tried one by one.
+            _ => run(before, &ids[..1], monitor),
+        },
     }
 }
 
-/// A bundle update of all that is connected: the lens held near its nominal values, gross errors left out for this time.
+/// What the step does, in the operator's words.
+pub(super) fn title(network: &Network, ids: &[ImageId]) -> String {
+    match ids {
+        [id] => match network.images.get(id) {
+            Some(image) => format!("connect {}", image.file.path),
+            None => "connect an image".into(),
+        },
+        _ => format!("connect {} images", ids.len()),
+    }
+}
+
+/// An image's resection from the points known before.
+struct Resected {
+    id: ImageId,
+    rays: Vec<KnownRay>,
+    found: Result<FoundPose, String>,
+}
+
+impl Resected {
+    fn of(network: &Network, id: ImageId) -> Self {
+        let rays = known_rays(network, id);
+        Self {
+            id,
+            found: resect(network, id, &rays),
+            rays,
+        }
+    }
+
+    /// Puts the image into the network, or the reason why it is not; codes of which it is open where they are come on the list.
+    fn enter(&self, network: &mut Network, open: &mut BTreeSet<Code>) -> bool {
+        match &self.found {
+            Err(reason) => {
+                self.refuse(network, self.id, reason.clone());
+                false
+            }
+            Ok(found) => {
+                settle_misfits(network, self.id, &self.rays, &found.misfits, open);
+                let image = network.image_mut(self.id);
+                image.station = Some(Station {
+                    pose: found.pose,
+                    covariance: None,
+                });
+                image.attempt = None;
+                give_names(image, &found.named);
+                Arc::make_mut(&mut network.connection_order).push(self.id);
+                true
+            }
+        }
+    }
+
+    fn refuse(&self, network: &mut Network, id: ImageId, reason: String) {
+        let attempt = Attempt {
+            basis: network.inputs,
+            known_points: self.rays.len(),
+            oriented: network.oriented_images().count(),
+            reason,
+        };
+        network.image_mut(id).attempt = Some(attempt);
+    }
+}
+
+/// A bundle update of all that is connected: the lens held near its nominal values, gross errors left out for this time. The
+/// dots of a small network are tested one by one, and its stations have standard deviations.
 pub(super) fn update(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> {
     restore_rejected(network);
     apply_frame(network);
@@ -129,11 +272,20 @@ pub(super) fn update(network: &mut Network, monitor: &Monitor) -> Result<(), Hal
         convergence: UPDATE_CONVERGENCE,
         ..BundleSettings::default()
     };
-    let (bundle, robust) =
-        adjust_what_holds(network, held, settings, monitor).map_err(adjust::halt)?;
-    bundle.write_back(network, &robust.adjustment);
-    // What took no part stands where the network was before, and is intersected anew.
-    Arc::make_mut(&mut network.points).retain(|_, point| point.covariance.is_some());
+    let is_small = network.oriented_images().count() <= IMAGES_FOR_WAVES;
+    let bundle = if is_small {
+        let (bundle, robust) =
+            adjust_what_holds(network, held, settings, monitor).map_err(adjust::halt)?;
+        bundle.write_back(network, &robust.adjustment);
+        // What took no part stands where the network was before, and is intersected anew.
+        Arc::make_mut(&mut network.points).retain(|_, point| point.covariance.is_some());
+        bundle
+    } else {
+        let (bundle, settled) =
+            settle_what_holds(network, held, settings, monitor).map_err(adjust::halt)?;
+        bundle.write_back_settled(network, &settled);
+        bundle
+    };
     if !bundle.stands_on_control() {
         apply_frame(network);
     }
@@ -148,26 +300,28 @@ fn settle_misfits(
     id: ImageId,
     rays: &[KnownRay],
     misfits: &[usize],
-) -> Vec<Code> {
-    let mut open = Vec::new();
+    open: &mut BTreeSet<Code>,
+) {
     for code in mostly_missing(rays, misfits) {
         let (family, number) = code;
         let agreeing = PointId::of_code(family, number)
             .iter()
             .filter_map(|point| Some(network.points.get(point)?.rays))
             .max();
+        if open.contains(&code) {
+            continue;
+        }
         if agreeing.is_some_and(|rays| rays <= 2) {
             Arc::make_mut(&mut network.points).retain(|point, _| point.code() != Some(code));
-            open.push(code);
+            open.insert(code);
         } else {
             set_code_aside(network.image_mut(id), family, number, OFF_ITS_PLACE);
         }
     }
-    open
 }
 
 /// Takes the names of these codes away in the images that the new intersections contradict.
-fn settle_minority(network: &mut Network, open: &[Code]) {
+fn settle_minority(network: &mut Network, open: &BTreeSet<Code>) {
     if open.is_empty() {
         return;
     }
@@ -185,17 +339,18 @@ fn settle_minority(network: &mut Network, open: &[Code]) {
 
 /// Codes more than half of whose dots are among the misfits.
 fn mostly_missing(rays: &[KnownRay], misfits: &[usize]) -> Vec<Code> {
-    let missed: BTreeSet<Code> = misfits
-        .iter()
-        .filter_map(|&index| rays[index].point.code())
-        .collect();
+    let mut missed: BTreeMap<Code, usize> = BTreeMap::new();
+    for code in misfits.iter().filter_map(|&index| rays[index].point.code()) {
+        *missed.entry(code).or_default() += 1;
+    }
+    let of_code = |code: Code| {
+        rays.iter()
+            .filter(move |ray| ray.point.code() == Some(code))
+    };
     missed
         .into_iter()
-        .filter(|code| {
-            let of_code = |index: &usize| rays[*index].point.code() == Some(*code);
-            let all = (0..rays.len()).filter(of_code).count();
-            2 * misfits.iter().filter(|index| of_code(index)).count() > all
-        })
+        .filter(|(code, missed)| 2 * missed > of_code(*code).count())
+        .map(|(code, _)| code)
         .collect()
 }
 

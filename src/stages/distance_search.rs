@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use super::{Halt, adjust, connect, first_pair};
+use super::{Advance, Halt, adjust, connect, first_pair};
 use crate::monitor::Monitor;
 use crate::network::{InteriorSource, Network, Stage};
 
@@ -72,18 +72,26 @@ fn try_share(network: &Network, share: f64, monitor: &Monitor) -> Result<Option<
             entry.camera = entry.nominal.clone();
         }
     }
-    if !succeeds(first_pair::orient(&mut network, monitor))? {
+    if succeeds(first_pair::orient(&mut network, monitor))?.is_none() {
         return Ok(None);
     }
     for _ in 0..IMAGES_TO_CONNECT {
         let Some(next) = connect::next(&network) else {
             break;
         };
-        if !succeeds(connect::run(&mut network, next, monitor))? {
+        let Some(Advance {
+            network: after,
+            complete,
+        }) = succeeds(connect::run(network, &next, monitor))?
+        else {
             return Ok(None);
+        };
+        if !complete {
+            return Err(Halt::Interrupted);
         }
+        network = after;
     }
-    if !succeeds(adjust::adjust(&mut network, Stage::AdjustCodes, monitor))? {
+    if succeeds(adjust::adjust(&mut network, Stage::AdjustCodes, monitor))?.is_none() {
         return Ok(None);
     }
     Ok(network
@@ -97,11 +105,11 @@ fn try_share(network: &Network, share: f64, monitor: &Monitor) -> Result<Option<
         }))
 }
 
-/// Whether a step of a trial could be done; an interrupt ends the search.
-fn succeeds(result: Result<(), Halt>) -> Result<bool, Halt> {
+/// What a step of a trial gave, `None` where it could not be done; an interrupt ends the search.
+fn succeeds<T>(result: Result<T, Halt>) -> Result<Option<T>, Halt> {
     match result {
-        Ok(()) => Ok(true),
-        Err(Halt::Failed(_)) => Ok(false),
+        Ok(given) => Ok(Some(given)),
+        Err(Halt::Failed(_)) => Ok(None),
         Err(Halt::Interrupted) => Err(Halt::Interrupted),
     }
 }

@@ -95,7 +95,7 @@ pub(super) fn orient(network: &mut Network, monitor: &Monitor) -> Result<(), Hal
     }
     starts = starts_from_codes(network, monitor)?;
     if starts.is_empty() {
-        let most = pairs_by_common_dots(network)
+        let most = pairs_by_common_dots(network, 1)
             .first()
             .map_or(0, |pair| pair.dots.len());
         reason.push_str(&format!(
@@ -248,12 +248,8 @@ fn starts_from_device(network: &Network, views: &[DeviceView]) -> Vec<Start> {
 
 /// Pairs of images with most codes in common, relatively oriented, best first.
 fn starts_from_codes(network: &Network, monitor: &Monitor) -> Result<Vec<Start>, Halt> {
-    let pairs = pairs_by_common_dots(network);
-    let pairs: Vec<&CommonPair> = pairs
-        .iter()
-        .filter(|pair| pair.dots.len() >= DOTS_FOR_A_PAIR)
-        .take(PAIRS_TO_ORIENT)
-        .collect();
+    let mut pairs = pairs_by_common_dots(network, PAIRS_TO_ORIENT);
+    pairs.retain(|pair| pair.dots.len() >= DOTS_FOR_A_PAIR);
     let task = monitor.task("orienting pairs of images", pairs.len() as u64);
     let oriented: Vec<Vec<Start>> = pairs
         .par_iter()
@@ -277,25 +273,41 @@ struct CommonPair {
     dots: Vec<[DotIndex; 2]>,
 }
 
-/// All pairs of images, those with most common dots first.
+/// The pairs of images with most common dots, so many at most, the best first.
 ///
-/// Cost: images squared times dots.
-fn pairs_by_common_dots(network: &Network) -> Vec<CommonPair> {
+/// Cost: points times the squared number of images that show each.
+fn pairs_by_common_dots(network: &Network, most: usize) -> Vec<CommonPair> {
     let images: Vec<(ImageId, &ImageEntry)> = network.used_images().collect();
-    let mut pairs = Vec::new();
-    for (index, (first, first_entry)) in images.iter().enumerate() {
-        for (second, second_entry) in &images[index + 1..] {
-            let dots = common_dots(first_entry, second_entry);
-            if !dots.is_empty() {
-                pairs.push(CommonPair {
-                    images: [*first, *second],
-                    dots,
-                });
+    let mut shown_in: BTreeMap<PointId, Vec<usize>> = BTreeMap::new();
+    for (index, (_, image)) in images.iter().enumerate() {
+        for (_, label) in image.used_labels() {
+            let shown = shown_in.entry(label.point).or_default();
+            // Two dots of an image may have one name.
+            if shown.last() != Some(&index) {
+                shown.push(index);
             }
         }
     }
-    pairs.sort_by_key(|pair| (std::cmp::Reverse(pair.dots.len()), pair.images));
-    pairs
+    let mut counts = vec![0_u32; images.len() * images.len()];
+    for shown in shown_in.values() {
+        for (place, &first) in shown.iter().enumerate() {
+            for &second in &shown[place + 1..] {
+                counts[first * images.len() + second] += 1;
+            }
+        }
+    }
+    let mut pairs: Vec<(u32, [usize; 2])> = (0..)
+        .zip(counts)
+        .filter(|(_, count)| *count > 0)
+        .map(|(slot, count)| (count, [slot / images.len(), slot % images.len()]))
+        .collect();
+    pairs.sort_by_key(|(count, pair)| (std::cmp::Reverse(*count), pair.map(|i| images[i].0)));
+    pairs.truncate(most);
+    let pair = |(_, [first, second]): (u32, [usize; 2])| CommonPair {
+        images: [images[first].0, images[second].0],
+        dots: common_dots(images[first].1, images[second].1),
+    };
+    pairs.into_iter().map(pair).collect()
 }
 
 fn common_dots(first: &ImageEntry, second: &ImageEntry) -> Vec<[DotIndex; 2]> {

@@ -60,8 +60,8 @@ pub enum Step {
     Detect(Vec<ImageId>),
     /// Orient the first two images.
     FirstPair,
-    /// Connect this image.
-    Connect(ImageId),
+    /// Connect these images.
+    Connect(Vec<ImageId>),
     /// Adjust all codes.
     AdjustCodes,
     /// One pass of identification.
@@ -255,10 +255,7 @@ impl Step {
         match self {
             Step::Detect(images) => format!("detect targets in {} images", images.len()),
             Step::FirstPair => "orient the first pair".into(),
-            Step::Connect(id) => match network.images.get(id) {
-                Some(image) => format!("connect {}", image.file.path),
-                None => "connect an image".into(),
-            },
+            Step::Connect(images) => connect::title(network, images),
             Step::AdjustCodes => "adjust the codes".into(),
             Step::Identify => "identify plain targets".into(),
             Step::Adjust => "adjust everything".into(),
@@ -279,7 +276,7 @@ impl Step {
         match self {
             Step::Detect(images) => return detect::run(network, images, pictures, monitor),
             Step::FirstPair => first_pair::run(&mut network, monitor)?,
-            Step::Connect(id) => connect::run(&mut network, *id, monitor)?,
+            Step::Connect(images) => return connect::run(network, images, monitor),
             Step::AdjustCodes => adjust::run(&mut network, Stage::AdjustCodes, monitor)?,
             Step::Identify => identify::run(&mut network, monitor)?,
             Step::Adjust => adjust::run(&mut network, Stage::Adjust, monitor)?,

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use nalgebra::{Vector2, Vector3};
+use rayon::prelude::*;
 
 use super::by_hand::{self, Confirmed, resect_from_three, three_by_hand};
 use super::chance::{UNLIKELY, dots_under, is_single_code, log_chance};
@@ -366,7 +367,7 @@ fn similarity_start(network: &Network, camera: &Camera, rays: &[KnownRay]) -> Op
 
 /// Gives coordinates to the points that two or more oriented images show and that have none.
 ///
-/// Cost: new points times the squared number of their rays.
+/// Cost: rays of all oriented images, and of each new point its rays times the pairs that are tried.
 pub(super) fn intersect_new_points(network: &mut Network) {
     let mut sights: BTreeMap<PointId, Vec<Sight>> = BTreeMap::new();
     for (_, image, station) in network.oriented_images() {
@@ -385,18 +386,18 @@ pub(super) fn intersect_new_points(network: &mut Network) {
         }
     }
     let limit_px = lens_limit(network, MEETING_PX);
-    let points = Arc::make_mut(&mut network.points);
-    for (id, sights) in &sights {
-        if let Some(position) = meet(sights, limit_px) {
-            let point = Point {
-                position,
-                covariance: None,
-                rays: sights.len() as u32,
-                circle: None,
-            };
-            points.insert(*id, Arc::new(point));
-        }
-    }
+    let sights: Vec<(PointId, Vec<Sight>)> = sights.into_iter().collect();
+    let found = sights.par_iter().filter_map(|(id, sights)| {
+        let point = Point {
+            position: meet(sights, limit_px)?,
+            covariance: None,
+            rays: sights.len() as u32,
+            circle: None,
+        };
+        Some((*id, Arc::new(point)))
+    });
+    let found: Vec<(PointId, Arc<Point>)> = found.collect();
+    Arc::make_mut(&mut network.points).extend(found);
 }
 
 /// A ray with how far from it, in pixels, a point may lie.
@@ -454,9 +455,13 @@ impl Meeting {
 
 /// The intersection that most rays agree on: more than half of them, at least two, not nearly parallel.
 fn meet(sights: &[Sight], limit_px: f64) -> Option<Vector3<f64>> {
+    /// Rays of which all pairs are tried, evenly among all: more than half of the rays are right.
+    const PAIRED: usize = 16;
+    let step = sights.len().div_ceil(PAIRED).max(1);
+    let paired: Vec<&Sight> = sights.iter().step_by(step).collect();
     let mut best: Option<Meeting> = None;
-    for (index, first) in sights.iter().enumerate() {
-        for second in &sights[index + 1..] {
+    for (index, first) in paired.iter().enumerate() {
+        for second in &paired[index + 1..] {
             let angle = first.ray.angle(&second.ray);
             if !(LEAST_ANGLE..=std::f64::consts::PI - LEAST_ANGLE).contains(&angle) {
                 continue;

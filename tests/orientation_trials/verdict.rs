@@ -1,5 +1,7 @@
 //! What became of a random measurement.
 
+use std::collections::BTreeSet;
+
 use nalgebra::{Matrix3, Vector3};
 use tiepoint::geometry::{Scale, Similarity, fit_similarity};
 use tiepoint::imaging::GreyImage;
@@ -27,16 +29,19 @@ pub(crate) fn oriented(network: &Network) -> Network {
     let stages = [Stage::FirstPair, Stage::Connect, Stage::AdjustCodes];
     stages
         .into_iter()
-        .fold(network.clone(), |mut network, stage| {
-            while let Some(step) = stage.next(&network) {
-                match step.run(&network, &NoPictures, &Monitor::new()) {
-                    Ok(Advance { network: after, .. }) => network = after,
-                    Err(Halt::Failed(error)) => return stage.conclude(&network, Some(&error)),
-                    Err(Halt::Interrupted) => unreachable!("nobody interrupts"),
-                }
-            }
-            stage.conclude(&network, None)
-        })
+        .fold(network.clone(), |network, stage| concluded(network, stage))
+}
+
+/// All steps of a stage, and its conclusion.
+pub(crate) fn concluded(mut network: Network, stage: Stage) -> Network {
+    while let Some(step) = stage.next(&network) {
+        match step.run(&network, &NoPictures, &Monitor::new()) {
+            Ok(Advance { network: after, .. }) => network = after,
+            Err(Halt::Failed(error)) => return stage.conclude(&network, Some(&error)),
+            Err(Halt::Interrupted) => unreachable!("nobody interrupts"),
+        }
+    }
+    stage.conclude(&network, None)
 }
 
 /// How the images of a measurement fared.
@@ -62,7 +67,15 @@ pub(crate) struct Verdict {
 
 impl Verdict {
     pub(crate) fn of(scene: &Scene, network: &Network) -> Self {
-        let required = scene.required();
+        Self::with_required(scene, network, &scene.required())
+    }
+
+    /// The same where it is known which images must be oriented.
+    pub(crate) fn with_required(
+        scene: &Scene,
+        network: &Network,
+        required: &BTreeSet<ImageId>,
+    ) -> Self {
         let mut verdict = Self {
             images: scene.poses.len(),
             required: required.len(),
