@@ -31,44 +31,12 @@ pub(super) struct PointFrame {
     pub(super) point: usize,
     /// Indices in the reduced system, rising.
     pub(super) index: Vec<usize>,
-    /// The same as runs of indices that follow each other.
-    pub(super) runs: Vec<Run>,
+    /// How many stations they belong to; each has six places, the other unknowns follow.
+    pub(super) stations: usize,
+    /// By station.
     pub(super) rays: Vec<Ray>,
     /// Place of the point's own unknowns in `index`, for a kept point.
     pub(super) own_at: Option<usize>,
-}
-
-/// Places of a frame whose indices follow each other.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Run {
-    /// The first place.
-    pub(super) place: usize,
-    /// Its index in the reduced system.
-    pub(super) index: usize,
-    pub(super) length: usize,
-}
-
-impl PointFrame {
-    /// The run that holds a place.
-    pub(super) fn run_of(&self, place: usize) -> usize {
-        self.runs
-            .partition_point(|run| run.place + run.length <= place)
-    }
-}
-
-fn runs(index: &[usize]) -> Vec<Run> {
-    let mut runs: Vec<Run> = Vec::new();
-    for (place, &index) in index.iter().enumerate() {
-        match runs.last_mut() {
-            Some(run) if run.index + run.length == index => run.length += 1,
-            _ => runs.push(Run {
-                place,
-                index,
-                length: 1,
-            }),
-        }
-    }
-    runs
 }
 
 /// The order of the unknowns.
@@ -238,7 +206,7 @@ impl Layout {
             }
             _ => None,
         };
-        let rays = observations
+        let mut rays: Vec<Ray> = observations
             .iter()
             .map(|o| Ray {
                 observation: *o,
@@ -248,9 +216,10 @@ impl Layout {
                 used: self.used[*o],
             })
             .collect();
+        rays.sort_by_key(|ray| ray.station_at);
         PointFrame {
             point,
-            runs: runs(&index),
+            stations: stations.len(),
             index,
             rays,
             own_at,

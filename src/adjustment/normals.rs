@@ -4,7 +4,7 @@
 //! points in their order. So a sum has one order on any number of threads, nothing is summed twice, and what one code's dots
 //! add to stays in the cache.
 
-use std::ops::Range;
+use std::ops::{Deref, Range};
 
 use nalgebra::{Cholesky, DMatrix, DVector, Matrix3, SMatrix, Vector2, Vector3};
 use pulp::{Arch, NullaryFnOnce};
@@ -75,8 +75,9 @@ enum Looked {
 struct Panel<'a> {
     /// The first one.
     from: usize,
-    /// The matrix's values of these columns.
+    /// The matrix's values of these columns, each so long.
     reduced: &'a mut [f64],
+    height: usize,
     right_side: &'a mut [f64],
     diagonal: &'a mut [f64],
 }
@@ -94,10 +95,27 @@ struct System<'a> {
 }
 
 /// Whitened derivatives of a ray by the unknowns of its frame, and by its point.
-pub(super) struct RayRows {
-    pub(super) by_station: SMatrix<f64, 2, 6>,
-    pub(super) by_camera: Vec<Vector2<f64>>,
+pub(super) struct RayRows<'a> {
+    by_station: SMatrix<f64, 2, 6>,
+    by_camera: SMatrix<f64, 2, 10>,
+    /// The parameters of the camera that are estimated.
+    camera_free: &'a [usize],
     pub(super) by_point: SMatrix<f64, 2, 3>,
+}
+
+/// Derivatives of a ray by all kept unknowns that it touches: place in the frame, derivative of both coordinates.
+#[derive(Clone, Copy)]
+pub(super) struct KeptRows {
+    rows: [(usize, Vector2<f64>); 19],
+    count: usize,
+}
+
+impl Deref for KeptRows {
+    type Target = [(usize, Vector2<f64>)];
+
+    fn deref(&self) -> &Self::Target {
+        &self.rows[..self.count]
+    }
 }
 
 impl Normals {
@@ -156,6 +174,7 @@ impl Normals {
             .for_each(|(number, (reduced, (right_side, diagonal)))| {
                 let mut panel = Panel {
                     from: PANEL * number,
+                    height: layout.kept,
                     reduced,
                     right_side,
                     diagonal,
@@ -255,38 +274,46 @@ pub(super) fn distance_row(
 }
 
 /// The derivatives of a used or predicted ray times the root of `weight`.
-pub(super) fn whitened_rows(
-    layout: &Layout,
+pub(super) fn whitened_rows<'a>(
+    layout: &'a Layout,
     ray: &Ray,
     equation: &super::equations::RayEquation,
     weight: f64,
-) -> RayRows {
+) -> RayRows<'a> {
     let root = weight.sqrt();
     RayRows {
         by_station: equation.by_station * root,
-        by_camera: layout.camera_free[ray.camera]
-            .iter()
-            .map(|&p| equation.by_camera.column(p) * root)
-            .collect(),
+        by_camera: equation.by_camera * root,
+        camera_free: &layout.camera_free[ray.camera],
         by_point: equation.by_point * root,
     }
 }
 
-impl RayRows {
-    /// Pairs of (place in the frame, derivative of both coordinates) of all kept unknowns of this ray.
-    pub(super) fn kept(&self, ray: &Ray, own_at: Option<usize>) -> Vec<(usize, Vector2<f64>)> {
-        let mut rows = Vec::with_capacity(9 + self.by_camera.len());
-        rows.extend((0..6).map(|k| (ray.station_at + k, self.by_station.column(k).into_owned())));
-        rows.extend(
-            self.by_camera
-                .iter()
-                .enumerate()
-                .map(|(k, a)| (ray.camera_at + k, *a)),
-        );
-        if let Some(own) = own_at {
-            rows.extend((0..3).map(|k| (own + k, self.by_point.column(k).into_owned())));
+impl RayRows<'_> {
+    /// Those of all kept unknowns of this ray, by rising places.
+    pub(super) fn kept(&self, ray: &Ray, own_at: Option<usize>) -> KeptRows {
+        let mut kept = KeptRows {
+            rows: [(0, Vector2::zeros()); 19],
+            count: 0,
+        };
+        let mut push = |place: usize, by: Vector2<f64>| {
+            kept.rows[kept.count] = (place, by);
+            kept.count += 1;
+        };
+        for k in 0..6 {
+            push(ray.station_at + k, self.by_station.column(k).into_owned());
         }
-        rows
+        for (k, &parameter) in self.camera_free.iter().enumerate() {
+            let by = self.by_camera.column(parameter);
+            push(ray.camera_at + k, by.into_owned());
+        }
+        for (own, k) in own_at
+            .into_iter()
+            .flat_map(|own| (0..3).map(move |k| (own, k)))
+        {
+            push(own + k, self.by_point.column(k).into_owned());
+        }
+        kept
     }
 }
 
@@ -304,7 +331,7 @@ impl System<'_> {
                 continue;
             };
             let by_point = rows.by_point.transpose();
-            for (a, by_a) in rows.kept(ray, None) {
+            for &(a, by_a) in rows.kept(ray, None).iter() {
                 coupling.add(a, &(by_point * by_a));
             }
             own += by_point * rows.by_point;
@@ -328,7 +355,7 @@ impl System<'_> {
     }
 
     /// The whitened derivatives and residual of a ray.
-    fn rows(&self, ray: &Ray) -> Option<(RayRows, Vector2<f64>)> {
+    fn rows(&self, ray: &Ray) -> Option<(RayRows<'_>, Vector2<f64>)> {
         let equation = self.equations.rays[ray.observation].as_ref()?;
         let weight = self.weights[ray.observation];
         let rows = whitened_rows(self.layout, ray, equation, weight);
@@ -357,13 +384,15 @@ impl Panel<'_> {
             return;
         }
         let places = first..end;
-        for ray in frame.rays.iter().filter(|ray| ray.used) {
-            let touched = places.contains(&ray.station_at)
-                || ray.camera_at < end && ray.camera_at + 10 > first
-                || frame.own_at.is_some_and(|own| own < end && own + 3 > first);
-            if touched {
-                self.add_ray(system, frame, ray);
-            }
+        // Every ray touches a camera or, where the point is kept, the point; one station is touched by its own rays alone.
+        let rays = if end > 6 * frame.stations {
+            &frame.rays
+        } else {
+            let before = |limit: usize| frame.rays.partition_point(|ray| ray.station_at < limit);
+            &frame.rays[before(first)..before(end)]
+        };
+        for ray in rays.iter().filter(|ray| ray.used) {
+            self.add_ray(system, frame, ray);
         }
         if let Some(own) = frame.own_at {
             for (axis, weight, right) in system.priors(frame) {
@@ -387,8 +416,7 @@ impl Panel<'_> {
     }
 
     fn column(&mut self, index: usize) -> &mut [f64] {
-        let size = self.reduced.len() / self.diagonal.len();
-        &mut self.reduced[size * (index - self.from)..][..size]
+        &mut self.reduced[self.height * (index - self.from)..][..self.height]
     }
 
     fn add_ray(&mut self, system: &System<'_>, frame: &PointFrame, ray: &Ray) {
@@ -429,20 +457,31 @@ impl NullaryFnOnce for Elimination<'_, '_> {
 
     #[inline(always)]
     fn call(self) {
-        let Coupling([x, y, z]) = &self.normal.coupling;
+        let index = &self.frame.index;
+        let stations = self.frame.stations;
+        let Coupling(rows) = &self.normal.coupling;
+        let blocks = rows
+            .each_ref()
+            .map(|row| &row.as_chunks::<6>().0[..stations]);
+        let starts = index.iter().step_by(6);
         for b in self.places {
-            let j = self.frame.index[b];
+            let j = index[b];
             let by = self.normal.inverse * self.normal.coupling.at(b);
             self.panel.right_side[j - self.panel.from] -= by.dot(&self.normal.right_side);
             let column = self.panel.column(j);
-            for run in &self.frame.runs[self.frame.run_of(b)..] {
-                let from = run.place.max(b);
-                let length = run.place + run.length - from;
-                let below = &mut column[run.index + from - run.place..][..length];
-                let [x, y, z] = [x, y, z].map(|values| &values[from..][..length]);
-                for (((value, x), y), z) in below.iter_mut().zip(x).zip(y).zip(z) {
-                    *value -= x * by.x + y * by.y + z * by.z;
+            // All of the station's own block: what lies above the diagonal is not looked at.
+            let first = (b / 6).min(stations);
+            let [x, y, z] = blocks.map(|blocks| &blocks[first..]);
+            let starts = starts.clone().skip(first);
+            for (((&start, x), y), z) in starts.zip(x).zip(y).zip(z) {
+                if let Some(below) = column[start..].first_chunk_mut::<6>() {
+                    for k in 0..6 {
+                        below[k] -= x[k] * by.x + y[k] * by.y + z[k] * by.z;
+                    }
                 }
+            }
+            for place in (6 * stations).max(b)..index.len() {
+                column[index[place]] -= by.dot(&self.normal.coupling.at(place));
             }
         }
     }

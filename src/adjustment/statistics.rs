@@ -280,14 +280,14 @@ fn point_statistics(
             let rows = whitened_rows(layout, ray, equation, 1.0);
             let kept = rows.kept(ray, frame.own_at);
             let mut variance = Vector2::zeros();
-            for &(i, a) in &kept {
-                for &(j, b) in &kept {
+            for &(i, a) in kept.iter() {
+                for &(j, b) in kept.iter() {
                     variance += a.component_mul(&b) * local[(i, j)];
                 }
             }
             if frame.own_at.is_none() {
                 let b = &rows.by_point;
-                for &(i, a) in &kept {
+                for &(i, a) in kept.iter() {
                     let c = cross.row(i);
                     for axis in 0..2 {
                         variance[axis] += 2.0

@@ -1,12 +1,12 @@
 //! What became of a random measurement.
 
-use std::collections::BTreeSet;
-
 use nalgebra::{Matrix3, Vector3};
 use tiepoint::geometry::{Scale, Similarity, fit_similarity};
 use tiepoint::imaging::GreyImage;
 use tiepoint::monitor::Monitor;
-use tiepoint::network::{About, Finding, FindingKind, ImageEntry, ImageId, Network, Stage};
+use tiepoint::network::{
+    About, Finding, FindingKind, ImageEntry, ImageId, Network, Stage, Station,
+};
 use tiepoint::stages::{Advance, Halt, Pictures};
 
 use super::scene::Scene;
@@ -67,15 +67,7 @@ pub(crate) struct Verdict {
 
 impl Verdict {
     pub(crate) fn of(scene: &Scene, network: &Network) -> Self {
-        Self::with_required(scene, network, &scene.required())
-    }
-
-    /// The same where it is known which images must be oriented.
-    pub(crate) fn with_required(
-        scene: &Scene,
-        network: &Network,
-        required: &BTreeSet<ImageId>,
-    ) -> Self {
+        let required = scene.required();
         let mut verdict = Self {
             images: scene.poses.len(),
             required: required.len(),
@@ -125,6 +117,17 @@ impl Verdict {
     pub(crate) fn holds(&self) -> bool {
         self.missed.is_empty() && self.wrong.is_empty() && self.silent.is_empty()
     }
+}
+
+/// How far the stations are from the truth after the best fit, mm.
+pub(crate) fn station_errors(scene: &Scene, network: &Network) -> Vec<f64> {
+    let Some(fit) = fit(scene, network) else {
+        return Vec::new();
+    };
+    let error = |(id, _, station): (ImageId, &ImageEntry, &Station)| {
+        (fit.apply(&station.pose.centre_in_world) - scene.poses[&id].centre_in_world).norm()
+    };
+    network.oriented_images().map(error).collect()
 }
 
 fn about(network: &Network, id: ImageId) -> impl Iterator<Item = &Finding> {
