@@ -25,7 +25,7 @@ use crate::orientation::relative::{
 use crate::targets::DotIndex;
 
 /// Fewest common labelled dots from which two images are oriented to each other.
-const DOTS_FOR_A_PAIR: usize = 8;
+pub(super) const DOTS_FOR_A_PAIR: usize = 8;
 
 /// Pairs of images that are tried for a relative orientation: those with most common dots.
 const PAIRS_TO_ORIENT: usize = 24;

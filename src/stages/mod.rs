@@ -7,6 +7,9 @@
 //! Deliberately absent: files (a step asks [`Pictures`]), clocks, and randomness without a seed from the settings.
 
 mod adjust;
+#[cfg(test)]
+mod block_tests;
+mod blocks;
 mod bundle;
 mod by_hand;
 mod chance;
@@ -62,6 +65,8 @@ pub enum Step {
     FirstPair,
     /// Connect these images.
     Connect(Vec<ImageId>),
+    /// Orient these images, which share too little with the oriented ones, as a block of their own.
+    Block(Vec<ImageId>),
     /// Adjust all codes.
     AdjustCodes,
     /// One pass of identification.
@@ -156,7 +161,9 @@ impl Stage {
         match self {
             Stage::Detect => detect::next(network),
             Stage::FirstPair => (network.oriented_images().count() < 2).then_some(Step::FirstPair),
-            Stage::Connect => connect::next(network).map(Step::Connect),
+            Stage::Connect => connect::next(network)
+                .map(Step::Connect)
+                .or_else(|| blocks::next(network).map(Step::Block)),
             Stage::AdjustCodes => {
                 adjust::is_outdated(network, Stage::AdjustCodes).then_some(Step::AdjustCodes)
             }
@@ -242,7 +249,7 @@ impl Step {
         match self {
             Step::Detect(_) => Stage::Detect,
             Step::FirstPair => Stage::FirstPair,
-            Step::Connect(_) => Stage::Connect,
+            Step::Connect(_) | Step::Block(_) => Stage::Connect,
             Step::AdjustCodes => Stage::AdjustCodes,
             Step::Identify => Stage::Identify,
             Step::Adjust => Stage::Adjust,
@@ -256,6 +263,7 @@ impl Step {
             Step::Detect(images) => format!("detect targets in {} images", images.len()),
             Step::FirstPair => "orient the first pair".into(),
             Step::Connect(images) => connect::title(network, images),
+            Step::Block(images) => format!("orient {} images by themselves", images.len()),
             Step::AdjustCodes => "adjust the codes".into(),
             Step::Identify => "identify plain targets".into(),
             Step::Adjust => "adjust everything".into(),
@@ -277,6 +285,7 @@ impl Step {
             Step::Detect(images) => return detect::run(network, images, pictures, monitor),
             Step::FirstPair => first_pair::run(&mut network, monitor)?,
             Step::Connect(images) => return connect::run(network, images, monitor),
+            Step::Block(images) => network = blocks::run(network, images, monitor)?,
             Step::AdjustCodes => adjust::run(&mut network, Stage::AdjustCodes, monitor)?,
             Step::Identify => identify::run(&mut network, monitor)?,
             Step::Adjust => adjust::run(&mut network, Stage::Adjust, monitor)?,

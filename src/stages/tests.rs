@@ -18,7 +18,7 @@ use crate::targets::{Detections, DotIndex, Family};
 const TOLERANCE_MM: f64 = 0.05;
 
 /// Largest distance of an adjusted point from its true place after a best fit, mm.
-fn largest_error(network: &Network, experiment: &Experiment) -> f64 {
+pub(super) fn largest_error(network: &Network, experiment: &Experiment) -> f64 {
     let pairs: Vec<(Vector3<f64>, Vector3<f64>)> = network
         .points
         .iter()
@@ -48,7 +48,7 @@ fn oriented(network: &Network) -> usize {
     network.oriented_images().count()
 }
 
-fn outcome(network: &Network, stage: Stage) -> Option<Outcome> {
+pub(super) fn outcome(network: &Network, stage: Stage) -> Option<Outcome> {
     network.conclusions.get(&stage).map(|c| c.outcome)
 }
 
@@ -57,7 +57,11 @@ fn set_use(network: &mut Network, id: ImageId, usage: ImageUse) {
 }
 
 /// Changes what was read in an image and names its dots again.
-fn reread(network: &mut Network, id: ImageId, change: impl FnOnce(&mut Detections)) {
+pub(super) fn edited_codes(
+    network: &mut Network,
+    id: ImageId,
+    change: impl FnOnce(&mut Detections),
+) {
     let mut detections = network.images[&id].detections.as_deref().unwrap().clone();
     change(&mut detections);
     super::detect::adopt(network.image_mut(id), detections);
@@ -139,7 +143,7 @@ fn a_wrong_reading_in_one_image_spoils_nothing() {
     let experiment = code_panel(8);
     for wrong in [1, 2, 3, 6] {
         let mut network = measured(&experiment);
-        reread(&mut network, ImageId(wrong), |detections| {
+        edited_codes(&mut network, ImageId(wrong), |detections| {
             let other = detections.codes[7].id;
             detections.codes[7].id = detections.codes[2].id;
             detections.codes[2].id = other;
@@ -168,7 +172,7 @@ fn a_number_on_two_targets_harms_no_other() {
     let experiment = code_panel(8);
     let mut network = measured(&experiment);
     for number in 1..=8 {
-        reread(&mut network, ImageId(number), |detections| {
+        edited_codes(&mut network, ImageId(number), |detections| {
             // Every image shows one of the two, the other is hidden.
             let (first, second) = (detections.codes[3].id, detections.codes[8].id);
             if number % 2 == 0 {
@@ -274,7 +278,7 @@ fn images_added_later_are_connected_and_adjusted() {
 fn what_is_no_longer_true_is_no_longer_told() {
     let experiment = code_panel(8);
     let mut blind = measured(&experiment);
-    reread(&mut blind, ImageId(5), |detections| {
+    edited_codes(&mut blind, ImageId(5), |detections| {
         detections.codes.clear();
     });
     let network = run(blind, Stage::Connect);
@@ -328,7 +332,7 @@ fn weighted_control_fixes_the_frame_in_every_adjustment() {
 fn without_codes_the_first_pair_fails_in_words() {
     let mut network = measured(&code_panel(4));
     for number in 1..=4 {
-        reread(&mut network, ImageId(number), |detections| {
+        edited_codes(&mut network, ImageId(number), |detections| {
             detections.codes.clear();
         });
     }
@@ -395,7 +399,7 @@ fn images_from_one_place_make_no_pair() {
 fn a_few_wild_dots_are_rejected_and_kept_in_the_table() {
     let experiment = code_panel(8);
     let mut network = measured(&experiment);
-    reread(&mut network, ImageId(6), |detections| {
+    edited_codes(&mut network, ImageId(6), |detections| {
         for place in [4, 30] {
             detections.dots[DotIndex(place).slot()].centre_px.x += 0.5;
         }
