@@ -11,7 +11,7 @@ fn verdicts(numbers: impl IntoIterator<Item = u64>) -> Vec<(u64, Verdict)> {
     numbers
         .into_par_iter()
         .map(|number| {
-            let scene = Scene::any(number);
+            let scene = Scene::table_of_one_camera(number);
             (number, Verdict::of(&scene, &oriented(&scene.network)))
         })
         .collect()
