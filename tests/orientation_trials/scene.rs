@@ -94,19 +94,18 @@ impl Scene {
 
     /// The measurement with this number from rendered pictures.
     pub(crate) fn pictures(number: u64) -> Self {
-        let mut random = generator(number, 0);
-        let mut others = generator(number, OTHER_CAMERAS);
-        let recipe = Recipe::of_one_camera(&mut random).with_cameras(&mut others);
-        Self::pictured(
-            Plan::of(number, recipe, &mut random, &mut others),
-            &mut generator(number, PICTURES),
-        )
+        Self::pictures_with(number, |recipe| recipe)
     }
 
-    /// The planned measurement from rendered pictures.
-    pub(crate) fn pictured(mut plan: Plan, random: &mut ChaCha8Rng) -> Self {
-        let studio = Studio::of(&mut plan, random);
-        let taken = studio.detected(&plan, random);
+    /// The same after a change of the recipe.
+    pub(crate) fn pictures_with(number: u64, change: impl FnOnce(Recipe) -> Recipe) -> Self {
+        let mut random = generator(number, 0);
+        let mut others = generator(number, OTHER_CAMERAS);
+        let recipe = change(Recipe::of_one_camera(&mut random).with_cameras(&mut others));
+        let mut plan = Plan::of(number, recipe, &mut random, &mut others);
+        let mut random = generator(number, PICTURES);
+        let studio = Studio::of(&mut plan, &mut random);
+        let taken = studio.detected(&plan, &mut random);
         Self::of(plan, taken)
     }
 
