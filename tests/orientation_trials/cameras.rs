@@ -135,7 +135,7 @@ fn turned(camera: &Camera) -> Camera {
         height_px: camera.width_px,
         interior: InteriorOrientation {
             principal_point: [-y, x],
-            ..camera.interior.clone()
+            ..camera.interior
         },
         ..camera.clone()
     }

@@ -1,4 +1,7 @@
 //! A random measurement in rendered pictures: the object is built of dots that can be photographed, the program detects them.
+//!
+//! Of the recipe all holds but the noise of centres and the unread codes: they are what the pictures' grey values, the targets' sizes
+//! and neighbours and the detection make them. What is read is held against the places where the true dots are imaged.
 
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
