@@ -148,11 +148,28 @@ impl Studio {
                     plan,
                     shot,
                     codes: &codes_at[usize::from(late)],
-                    moved: late.then(|| plan.world.codes[0].id),
+                    ambiguous: self.ambiguous(plan, late),
                 };
                 judged.spoiled(detections.as_ref().clone(), random)
             })
             .collect()
+    }
+
+    /// The moved code where it stands elsewhere than before, and the number that stands on the object twice: of the twins none is
+    /// the right one.
+    fn ambiguous(&self, plan: &Plan, late: bool) -> Vec<u32> {
+        let moved = late.then(|| plan.world.codes[0].id);
+        moved
+            .into_iter()
+            .chain(self.twin().map(|twin| twin.id))
+            .collect()
+    }
+
+    fn twin(&self) -> Option<&PlacedCode> {
+        match &self.fraud {
+            Fraud::Twin(twin) => Some(twin),
+            _ => None,
+        }
     }
 
     fn object(&self, plan: &Plan, codes: &[PlacedCode]) -> Object {
@@ -167,11 +184,7 @@ impl Studio {
             1.6 * WIDTH_MM * HEIGHT,
             14.0,
         ));
-        let twin = match &self.fraud {
-            Fraud::Twin(twin) => Some(twin),
-            _ => None,
-        };
-        for (index, code) in codes.iter().chain(twin).enumerate() {
+        for (index, code) in codes.iter().chain(self.twin()).enumerate() {
             let placement = placement_of(code);
             if is_raised {
                 let side = match family {
@@ -362,8 +375,8 @@ struct Judged<'a> {
     plan: &'a Plan,
     shot: &'a Shot,
     codes: &'a [PlacedCode],
-    /// The code that stands elsewhere than in the other pictures.
-    moved: Option<u32>,
+    /// Numbers that are no code's own in this picture.
+    ambiguous: Vec<u32>,
 }
 
 impl Judged<'_> {
@@ -386,7 +399,7 @@ impl Judged<'_> {
         let Plan { recipe, world, .. } = self.plan;
         let is_true = |reading: &CodeReading| {
             let mut codes = self.codes.iter();
-            self.moved != Some(reading.id)
+            !self.ambiguous.contains(&reading.id)
                 && codes.any(|code| {
                     let dots = code.dots(recipe.family, world.pitch_mm);
                     code.id == reading.id && self.is_at(detections, &reading.dots, &dots)
