@@ -48,10 +48,22 @@ pub(crate) struct Recipe {
     pub(crate) rolls: bool,
     /// Largest angle of a picture's axis from the base plane's normal, radians.
     pub(crate) obliqueness: f64,
+    pub(crate) second_camera: Option<SecondCamera>,
+    /// Probability that a picture is taken in portrait and its file turned upright.
+    pub(crate) portrait: f64,
+}
+
+/// Another lens beside the first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct SecondCamera {
+    pub(crate) told: Told,
+    /// Probability that a picture is taken with it.
+    pub(crate) share: f64,
 }
 
 impl Recipe {
-    pub(crate) fn any(random: &mut ChaCha8Rng) -> Self {
+    /// With one camera, held upright or rolled, but never in portrait.
+    pub(crate) fn of_one_camera(random: &mut ChaCha8Rng) -> Self {
         let images = log_uniform(random, 2.0, 61.0) as usize;
         let family = match random.random_range(0..10) {
             0..6 => Family::Dot420,
@@ -89,6 +101,26 @@ impl Recipe {
             unread: random.random_range(0.0..0.3),
             rolls,
             obliqueness: random.random_range(25.0_f64..60.0).to_radians(),
+            second_camera: None,
+            portrait: 0.0,
+        }
+    }
+
+    /// A quarter of the measurements with a second camera, a fifth with pictures in portrait.
+    pub(crate) fn with_cameras(self, random: &mut ChaCha8Rng) -> Self {
+        let second_camera = random.random_bool(0.25).then(|| SecondCamera {
+            told: told(self.images, random),
+            share: random.random_range(0.2..0.8),
+        });
+        let portrait = if random.random_bool(0.2) {
+            random.random_range(0.2..0.8)
+        } else {
+            0.0
+        };
+        Self {
+            second_camera,
+            portrait,
+            ..self
         }
     }
 }

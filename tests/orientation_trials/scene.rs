@@ -1,38 +1,32 @@
-//! A random measurement as a table of observations, with its truth.
+//! A random measurement, as a table of observations or from pictures, with its truth.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::sync::Arc;
 
-use nalgebra::{Rotation3, Vector2, Vector3};
+use nalgebra::Vector3;
 use rand::seq::SliceRandom as _;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
-use tiepoint::camera::{Camera, InteriorOrientation};
+use tiepoint::camera::Camera;
 use tiepoint::geometry::Pose;
 use tiepoint::network::{
-    CameraEntry, CameraId, Code, DevicePoint, ImageEntry, ImageFile, ImageId, InteriorSource,
-    Network, PointId,
+    CameraId, Code, DevicePoint, ImageEntry, ImageFile, ImageId, Network, PointId,
 };
 use tiepoint::stages::adopt;
 use tiepoint::synthetic::default_cross;
-use tiepoint::targets::{
-    CodeEvidence, CodeReading, DOT420_AXES, Detections, Dot, DotIndex, Family, dot420_table,
-};
+use tiepoint::targets::{Detections, Family};
 
-use super::recipe::{Recipe, Told, WrongCodes};
+use super::cameras::{Cameras, Grip};
+use super::picture::Studio;
+use super::readings::Shown;
+use super::recipe::Recipe;
+use super::table::View;
+use super::world::{HEIGHT, WIDTH_MM, World};
 
-/// Width of the object, mm.
-const WIDTH_MM: f64 = 1500.0;
-/// Its height as a share of the width.
-const HEIGHT: f64 = 0.7;
-const PITCH_MM: f64 = 5.0;
-/// Steeper targets are not seen.
-const STEEPEST: f64 = 70.0;
-/// Dots nearer to the border are not found, px.
-const BORDER_PX: f64 = 12.0;
-/// A wrong code stands for a moved one by so much, mm.
-const MOVED_MM: f64 = 120.0;
+/// Streams of a measurement's generator: all that one camera sees; the other cameras; what only pictures need.
+const OTHER_CAMERAS: u64 = 1;
+const PICTURES: u64 = 2;
 
 /// A measurement with its truth.
 pub(crate) struct Scene {
@@ -41,92 +35,125 @@ pub(crate) struct Scene {
     pub(crate) network: Network,
     pub(crate) poses: BTreeMap<ImageId, Pose>,
     pub(crate) points: BTreeMap<PointId, Vector3<f64>>,
-    /// Codes that are read rightly, and how many readings are not, by image.
+    /// Of the true cameras, mm.
+    pub(crate) principal_distances: BTreeMap<CameraId, f64>,
     pub(crate) shown: BTreeMap<ImageId, Shown>,
 }
 
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Shown {
-    pub(crate) right: BTreeSet<Code>,
-    pub(crate) wrong: usize,
-    pub(crate) cross: bool,
+/// A picture before it is taken.
+pub(crate) struct Shot {
+    pub(crate) id: ImageId,
+    pub(crate) camera: Camera,
+    pub(crate) camera_id: CameraId,
+    pub(crate) pose: Pose,
+    /// The moved code stands at its second place.
+    pub(crate) is_late: bool,
 }
 
-/// A code in the world.
-struct PlacedCode {
-    id: u32,
-    origin: Vector3<f64>,
-    /// Unit vectors of its plane and normal.
-    axes: [Vector3<f64>; 3],
+/// A measurement before its pictures are taken.
+pub(crate) struct Plan {
+    pub(crate) number: u64,
+    pub(crate) recipe: Recipe,
+    pub(crate) world: World,
+    /// In the order of the files.
+    pub(crate) shots: Vec<Shot>,
+    /// With the cameras, but without images.
+    pub(crate) network: Network,
 }
 
-impl PlacedCode {
-    fn dots(&self, family: Family) -> Vec<Vector3<f64>> {
-        match family {
-            Family::Ring(_) => vec![self.origin],
-            Family::Dot420 => DOT420_AXES
-                .iter()
-                .chain(&dot420_table()[self.id as usize - 1])
-                .map(|[x, y]| {
-                    self.origin
-                        + (self.axes[0] * f64::from(x - 3) + self.axes[1] * f64::from(y - 3))
-                            * PITCH_MM
-                })
-                .collect(),
-        }
-    }
+fn generator(number: u64, stream: u64) -> ChaCha8Rng {
+    let mut random = ChaCha8Rng::seed_from_u64(number);
+    random.set_stream(stream);
+    random
 }
 
 impl Scene {
-    /// The measurement with this number.
-    pub(crate) fn any(number: u64) -> Self {
-        let mut random = ChaCha8Rng::seed_from_u64(number);
-        let recipe = Recipe::any(&mut random);
-        Self::of(number, recipe, &mut random)
+    /// The measurement with this number as a table of observations.
+    pub(crate) fn table(number: u64) -> Self {
+        let mut random = generator(number, 0);
+        let mut others = generator(number, OTHER_CAMERAS);
+        let recipe = Recipe::of_one_camera(&mut random).with_cameras(&mut others);
+        Self::observed(
+            Plan::of(number, recipe, &mut random, &mut others),
+            &mut random,
+        )
     }
 
-    pub(crate) fn of(number: u64, recipe: Recipe, random: &mut ChaCha8Rng) -> Self {
-        let camera = true_camera(random);
-        let mut world = World::of(&recipe, random);
-        let poses: Vec<Pose> = (0..recipe.images)
-            .map(|_| station(&recipe, &camera, random))
-            .collect();
-        let mut network = Network::default();
-        Arc::make_mut(&mut network.settings).families = vec![recipe.family];
-        if recipe.cross {
-            network.device = Arc::new(default_cross().iter().map(DevicePoint::from).collect());
-        }
-        let told = told_camera(&camera, recipe.told);
-        Arc::make_mut(&mut network.cameras).insert(CameraId(1), Arc::new(told));
-        // The order of the files says nothing.
-        let mut order: Vec<usize> = (0..poses.len()).collect();
-        order.shuffle(random);
-        let (mut placed, mut shown) = (BTreeMap::new(), BTreeMap::new());
-        for (place, &taken) in order.iter().enumerate() {
-            let id = ImageId(place as u32 + 1);
-            let is_late = 2 * taken >= poses.len();
-            world.codes_moved(recipe.moved_code && is_late);
+    /// The same with one camera and no picture in portrait.
+    pub(crate) fn table_of_one_camera(number: u64) -> Self {
+        let mut random = generator(number, 0);
+        let recipe = Recipe::of_one_camera(&mut random);
+        let plan = Plan::of(
+            number,
+            recipe,
+            &mut random,
+            &mut generator(number, OTHER_CAMERAS),
+        );
+        Self::observed(plan, &mut random)
+    }
+
+    /// The measurement with this number from rendered pictures.
+    pub(crate) fn pictures(number: u64) -> Self {
+        Self::pictures_with(number, |recipe| recipe)
+    }
+
+    /// The same after a change of the recipe.
+    pub(crate) fn pictures_with(number: u64, change: impl FnOnce(Recipe) -> Recipe) -> Self {
+        let mut random = generator(number, 0);
+        let mut others = generator(number, OTHER_CAMERAS);
+        let recipe = change(Recipe::of_one_camera(&mut random).with_cameras(&mut others));
+        let mut plan = Plan::of(number, recipe, &mut random, &mut others);
+        let mut random = generator(number, PICTURES);
+        let studio = Studio::of(&mut plan, &mut random);
+        let taken = studio.detected(&plan, &mut random);
+        Self::of(plan, taken)
+    }
+
+    fn observed(mut plan: Plan, random: &mut ChaCha8Rng) -> Self {
+        let mut taken = Vec::new();
+        for shot in &plan.shots {
+            let moved = plan.recipe.moved_code && shot.is_late;
+            plan.world.codes_moved(moved);
             let view = View {
-                recipe: &recipe,
-                camera: &camera,
-                pose: &poses[taken],
-                world: &world,
+                recipe: &plan.recipe,
+                camera: &shot.camera,
+                pose: &shot.pose,
+                world: &plan.world,
             };
-            let (detections, seen) = view.detected(recipe.moved_code && is_late, random);
-            let mut image = ImageEntry::new(file_of(id, &camera), CameraId(1));
+            taken.push(view.detected(moved.then(|| plan.world.codes[0].id), random));
+        }
+        Self::of(plan, taken)
+    }
+
+    /// What was taken, in the order of the shots, as a measurement.
+    fn of(plan: Plan, taken: Vec<(Detections, Shown)>) -> Self {
+        let Plan {
+            number,
+            recipe,
+            mut world,
+            shots,
+            mut network,
+        } = plan;
+        let (mut poses, mut shown) = (BTreeMap::new(), BTreeMap::new());
+        for (shot, (detections, seen)) in shots.iter().zip(taken) {
+            let mut image = shot.image();
             adopt(&mut image, detections);
-            Arc::make_mut(&mut network.images).insert(id, Arc::new(image));
-            placed.insert(id, poses[taken]);
-            shown.insert(id, seen);
+            Arc::make_mut(&mut network.images).insert(shot.id, Arc::new(image));
+            poses.insert(shot.id, shot.pose);
+            shown.insert(shot.id, seen);
         }
         network.inputs += 1;
         world.codes_moved(false);
         Self {
             number,
+            principal_distances: shots
+                .iter()
+                .map(|shot| (shot.camera_id, shot.camera.interior.principal_distance))
+                .collect(),
             points: world.points(&recipe),
             recipe,
             network,
-            poses: placed,
+            poses,
             shown,
         }
     }
@@ -190,65 +217,70 @@ impl Scene {
     }
 }
 
-fn file_of(id: ImageId, camera: &Camera) -> ImageFile {
-    ImageFile {
-        path: format!("image{:02}.png", id.0),
-        size_bytes: 0,
-        sha256: String::new(),
-        width_px: camera.width_px,
-        height_px: camera.height_px,
+impl Plan {
+    pub(crate) fn of(
+        number: u64,
+        recipe: Recipe,
+        random: &mut ChaCha8Rng,
+        others: &mut ChaCha8Rng,
+    ) -> Self {
+        let cameras = Cameras::of(&recipe, random, others);
+        let world = World::of(&recipe, random);
+        let poses: Vec<Pose> = (0..recipe.images)
+            .map(|taken| station(&recipe, cameras.body(taken), random))
+            .collect();
+        let mut network = Network::default();
+        Arc::make_mut(&mut network.settings).families = vec![recipe.family];
+        if recipe.cross {
+            network.device = Arc::new(default_cross().iter().map(DevicePoint::from).collect());
+        }
+        // The order of the files says nothing.
+        let mut order: Vec<usize> = (0..poses.len()).collect();
+        order.shuffle(random);
+        // As the program takes files in: the first one of its kind makes a camera.
+        let mut known: BTreeMap<Grip, CameraId> = BTreeMap::new();
+        let mut shots = Vec::new();
+        for (place, &taken) in order.iter().enumerate() {
+            let grip = cameras.grip(taken);
+            let next = CameraId(known.len() as u32 + 1);
+            let camera_id = *known.entry(grip).or_insert_with(|| {
+                let told = Arc::new(cameras.told(grip));
+                Arc::make_mut(&mut network.cameras).insert(next, told);
+                next
+            });
+            shots.push(Shot {
+                id: ImageId(place as u32 + 1),
+                camera: cameras.of_file(grip),
+                camera_id,
+                pose: poses[taken],
+                is_late: 2 * taken >= poses.len(),
+            });
+        }
+        Self {
+            number,
+            recipe,
+            world,
+            shots,
+            network,
+        }
     }
 }
 
-/// A lens between wide and short telephoto with the distortion of a real one.
-fn true_camera(random: &mut ChaCha8Rng) -> Camera {
-    let pitch = 0.009;
-    let (width, height) = (3072, 2048);
-    let half_width = 0.5 * f64::from(width) * pitch;
-    let c = half_width * random.random_range(1.3..2.6);
-    let corner = half_width * 1.2;
-    // Barrel distortion up to one per cent of the radius in the corner.
-    let radial = random.random_range(-0.010..0.004) / corner.powi(2);
-    let mut interior = InteriorOrientation::pinhole(c);
-    interior.radial = [radial, -0.1 * radial / corner.powi(2), 0.0];
-    interior.principal_point = [
-        random.random_range(-0.15..0.15),
-        random.random_range(-0.15..0.15),
-    ];
-    Camera {
-        width_px: width,
-        height_px: height,
-        pixel_pitch_mm: pitch,
-        interior,
+impl Shot {
+    /// Its image before detection.
+    pub(crate) fn image(&self) -> ImageEntry {
+        let file = ImageFile {
+            path: format!("image{:02}.png", self.id.0),
+            size_bytes: 0,
+            sha256: String::new(),
+            width_px: self.camera.width_px,
+            height_px: self.camera.height_px,
+        };
+        ImageEntry::new(file, self.camera_id)
     }
 }
 
-/// What the operator has of the camera: no distortion, perhaps a wrong principal distance, perhaps none.
-fn told_camera(camera: &Camera, told: Told) -> CameraEntry {
-    let c = camera.interior.principal_distance;
-    let (source, c) = match told {
-        Told::Wrong { source, by } => (source, c * (1.0 + by)),
-        // What the program guesses where nothing is known: the longer side of the picture.
-        Told::Unknown => (
-            InteriorSource::Unknown,
-            f64::from(camera.width_px) * camera.pixel_pitch_mm,
-        ),
-    };
-    let nominal = Camera {
-        interior: InteriorOrientation::pinhole(c),
-        ..camera.clone()
-    };
-    CameraEntry {
-        name: "trial".into(),
-        camera: nominal.clone(),
-        nominal,
-        known_sigmas: [None; 10],
-        source,
-        exif_model: None,
-    }
-}
-
-/// A picture that shows the object from anywhere before it.
+/// A picture that shows the object from anywhere before it, with the long side of the sensor.
 fn station(recipe: &Recipe, camera: &Camera, random: &mut ChaCha8Rng) -> Pose {
     let shown = random.random_range(recipe.shown[0]..recipe.shown[1]) * WIDTH_MM;
     let width = f64::from(camera.width_px) * camera.pixel_pitch_mm;
@@ -275,293 +307,4 @@ fn station(recipe: &Recipe, camera: &Camera, random: &mut ChaCha8Rng) -> Pose {
     let roll = f64::from(quarter) * FRAC_PI_2 + random.random_range(-0.2..0.2);
     let centre = aim + away * distance;
     Pose::looking_at(centre, aim, Vector3::y(), roll)
-}
-
-/// Everything that carries dots.
-struct World {
-    codes: Vec<PlacedCode>,
-    /// The first code's place, and where it stands in the later pictures.
-    places: [Vector3<f64>; 2],
-    plain: Vec<Vector3<f64>>,
-    cross: Vec<(PointId, Vector3<f64>)>,
-    /// Numbers that no code of the object has.
-    free: Vec<u32>,
-}
-
-impl World {
-    fn of(recipe: &Recipe, random: &mut ChaCha8Rng) -> Self {
-        let mut ids: Vec<u32> = (1..=recipe.family.code_count()).collect();
-        ids.shuffle(random);
-        let free = ids.split_off(recipe.codes);
-        // Nothing overlaps: the nearest of several tries is farthest from all.
-        let mut places: Vec<Vector2<f64>> = vec![Vector2::zeros()];
-        let mut place = |random: &mut ChaCha8Rng| {
-            let tries = (0..12).map(|_| {
-                Vector2::new(
-                    random.random_range(-0.5..0.5),
-                    random.random_range(-0.5..0.5) * HEIGHT,
-                ) * WIDTH_MM
-            });
-            let room = |p: &Vector2<f64>| {
-                let away = places.iter().map(|q| (p - q).norm());
-                away.fold(f64::INFINITY, f64::min)
-            };
-            let best = tries
-                .max_by(|a, b| room(a).total_cmp(&room(b)))
-                .expect("some tries");
-            places.push(best);
-            best
-        };
-        // A smooth surface with steps, as a block with parts on it.
-        let phases: [f64; 4] = std::array::from_fn(|_| random.random_range(0.0..TAU));
-        let height = |p: &Vector2<f64>, step: f64| {
-            let waves = (p.x / 260.0 + phases[0]).sin() * (p.y / 190.0 + phases[1]).sin();
-            recipe.relief * WIDTH_MM * (0.4 * (1.0 + waves) + 0.2 * step)
-        };
-        let codes: Vec<PlacedCode> = ids
-            .iter()
-            .map(|&id| {
-                let at = place(random);
-                let step = random.random_range(0.0..1.0);
-                let lean = if recipe.relief > 0.0 {
-                    Vector3::new(
-                        random.random_range(-0.35..0.35),
-                        random.random_range(-0.35..0.35),
-                        0.0,
-                    )
-                } else {
-                    Vector3::zeros()
-                };
-                let turn = Rotation3::new(lean)
-                    * Rotation3::from_axis_angle(&Vector3::z_axis(), random.random_range(0.0..TAU));
-                PlacedCode {
-                    id,
-                    origin: Vector3::new(at.x, at.y, height(&at, step)),
-                    axes: [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| turn * axis),
-                }
-            })
-            .collect();
-        let plain = (0..recipe.plain_targets)
-            .map(|_| {
-                let at = place(random);
-                let step = random.random_range(0.0..1.0);
-                Vector3::new(at.x, at.y, height(&at, step))
-            })
-            .collect();
-        let lift = Vector3::new(0.0, 0.0, recipe.relief * WIDTH_MM * 0.5);
-        let cross = if recipe.cross {
-            default_cross()
-                .iter()
-                .enumerate()
-                .map(|(k, p)| (PointId::Device(k as u16), Vector3::from(p.point) + lift))
-                .collect()
-        } else {
-            Vec::new()
-        };
-        let first = codes[0].origin;
-        let direction = random.random_range(0.0..TAU);
-        let moved = first + Vector3::new(direction.cos(), direction.sin(), 0.0) * MOVED_MM;
-        Self {
-            codes,
-            places: [first, moved],
-            plain,
-            cross,
-            free,
-        }
-    }
-
-    fn codes_moved(&mut self, moved: bool) {
-        self.codes[0].origin = self.places[usize::from(moved)];
-    }
-
-    fn points(&self, recipe: &Recipe) -> BTreeMap<PointId, Vector3<f64>> {
-        let mut points: BTreeMap<PointId, Vector3<f64>> = self.cross.iter().copied().collect();
-        for code in &self.codes {
-            let names = PointId::of_code(recipe.family, code.id);
-            points.extend(names.into_iter().zip(code.dots(recipe.family)));
-        }
-        points
-    }
-}
-
-/// One picture of the world.
-struct View<'a> {
-    recipe: &'a Recipe,
-    camera: &'a Camera,
-    pose: &'a Pose,
-    world: &'a World,
-}
-
-impl View<'_> {
-    fn dot(
-        &self,
-        point: &Vector3<f64>,
-        normal: Option<&Vector3<f64>>,
-        random: &mut ChaCha8Rng,
-    ) -> Option<Dot> {
-        let away = (self.pose.centre_in_world - point).normalize();
-        if normal.is_some_and(|n| n.dot(&away) < STEEPEST.to_radians().cos()) {
-            return None;
-        }
-        let px = self.camera.project(&self.pose.camera_from_point(point))?;
-        let inside =
-            |value: f64, size: u32| (BORDER_PX..f64::from(size) - BORDER_PX).contains(&value);
-        if !(inside(px.x, self.camera.width_px) && inside(px.y, self.camera.height_px)) {
-            return None;
-        }
-        let noise = self.recipe.noise_px;
-        let centre_px = px + Vector2::new(normal_deviate(random), normal_deviate(random)) * noise;
-        Some(Dot {
-            centre_px,
-            sigma_px: noise,
-            major_px: 10.0,
-            minor_px: 8.0,
-            angle: 0.0,
-            contrast: 120.0,
-            background: 12.0,
-        })
-    }
-
-    fn detected(&self, code_moved: bool, random: &mut ChaCha8Rng) -> (Detections, Shown) {
-        let mut dots: Vec<Dot> = Vec::new();
-        let mut readings: Vec<(u32, Vec<usize>)> = Vec::new();
-        for code in &self.world.codes {
-            let seen: Option<Vec<Dot>> = code
-                .dots(self.recipe.family)
-                .iter()
-                .map(|dot| self.dot(dot, Some(&code.axes[2]), random))
-                .collect();
-            let Some(seen) = seen else { continue };
-            let from = dots.len();
-            dots.extend(seen);
-            if !random.random_bool(self.recipe.unread) {
-                readings.push((code.id, (from..dots.len()).collect()));
-            }
-        }
-        let plain = dots.len();
-        for point in &self.world.plain {
-            dots.extend(self.dot(point, None, random));
-        }
-        let before = dots.len();
-        for (_, point) in &self.world.cross {
-            dots.extend(self.dot(point, None, random));
-        }
-        let cross = !self.world.cross.is_empty() && dots.len() == before + self.world.cross.len();
-        let moved = self.world.codes[0].id;
-        let true_codes: BTreeMap<Vec<usize>, u32> = readings
-            .iter()
-            .filter(|(id, _)| !(code_moved && *id == moved))
-            .map(|(id, dots)| (dots.clone(), *id))
-            .collect();
-        let most = match self.recipe.wrong {
-            WrongCodes::None => 0,
-            WrongCodes::OneAnImage => 1,
-            WrongCodes::Share(_) => readings.len() / 5,
-        };
-        self.spoil(&mut readings, most, plain..before, random);
-        // By rows, as detection gives them: the order says nothing.
-        let mut order: Vec<usize> = (0..dots.len()).collect();
-        order.sort_by(|&a, &b| dots[a].centre_px.y.total_cmp(&dots[b].centre_px.y));
-        let mut slots = vec![0; dots.len()];
-        for (slot, &index) in order.iter().enumerate() {
-            slots[index] = slot;
-        }
-        let mut shown = Shown {
-            cross,
-            ..Shown::default()
-        };
-        let mut codes: Vec<CodeReading> = Vec::new();
-        for (id, of_code) in &readings {
-            let twice = readings.iter().filter(|(other, _)| other == id).count() > 1;
-            if true_codes.get(of_code) == Some(id) && !twice {
-                shown.right.insert((self.recipe.family, *id));
-            } else {
-                shown.wrong += 1;
-            }
-            codes.push(CodeReading {
-                family: self.recipe.family,
-                id: *id,
-                dots: of_code
-                    .iter()
-                    .map(|&dot| DotIndex(slots[dot] as u32))
-                    .collect(),
-                misfit: 0.1,
-                doubt: None,
-                evidence: CodeEvidence::default(),
-            });
-        }
-        codes.sort_by_key(|code| (code.id, code.dots.clone()));
-        let detections = Detections {
-            width_px: self.camera.width_px,
-            height_px: self.camera.height_px,
-            dots: order.iter().map(|&index| dots[index].clone()).collect(),
-            codes,
-            ..Detections::default()
-        };
-        (detections, shown)
-    }
-
-    /// Makes readings wrong, each in one of the ways in which readings are.
-    fn spoil(
-        &self,
-        readings: &mut Vec<(u32, Vec<usize>)>,
-        most: usize,
-        plain: std::ops::Range<usize>,
-        random: &mut ChaCha8Rng,
-    ) {
-        let mut left = most;
-        for index in 0..readings.len() {
-            let hit = match self.recipe.wrong {
-                WrongCodes::None => false,
-                WrongCodes::OneAnImage => index + 1 == readings.len(),
-                WrongCodes::Share(share) => random.random_bool(share),
-            };
-            if !hit || left == 0 {
-                continue;
-            }
-            left -= 1;
-            match random.random_range(0..4) {
-                // A number that is nowhere else.
-                0 => {
-                    readings[index].0 =
-                        self.world.free[random.random_range(0..self.world.free.len())];
-                }
-                // Two numbers exchanged.
-                1 if left > 0 => {
-                    left -= 1;
-                    let other = random.random_range(0..readings.len());
-                    let id = readings[index].0;
-                    readings[index].0 = readings[other].0;
-                    readings[other].0 = id;
-                }
-                // A plain target, or plain targets near each other, read as a code of the object.
-                2 if plain.len() >= 6 => {
-                    let count = readings[index].1.len();
-                    let from = random.random_range(plain.start..=plain.end - count);
-                    readings[index].1 = (from..from + count).collect();
-                }
-                // The number of another code of the object.
-                _ => {
-                    readings[index].0 =
-                        self.world.codes[random.random_range(0..self.world.codes.len())].id;
-                }
-            }
-        }
-        // Two readings never share dots.
-        let mut taken = BTreeSet::new();
-        readings.retain(|(_, dots)| {
-            let free = dots.iter().all(|dot| !taken.contains(dot));
-            if free {
-                taken.extend(dots.iter().copied());
-            }
-            free
-        });
-    }
-}
-
-/// A number of the standard normal distribution (Box and Muller, 1958).
-fn normal_deviate(random: &mut ChaCha8Rng) -> f64 {
-    let u: f64 = random.random_range(1e-300..1.0);
-    let v: f64 = random.random_range(0.0..1.0);
-    (-2.0 * u.ln()).sqrt() * (TAU * v).cos()
 }
