@@ -16,7 +16,9 @@ pub fn real_roots(coefficients: &[f64], low: f64, high: f64) -> Vec<f64> {
         .rposition(|a| a.abs() > 1e-15 * largest)
         .map_or(0, |top| top + 1);
     let scaled: Vec<f64> = coefficients[..used].iter().map(|a| a / largest).collect();
-    roots_between(&scaled, low, high)
+    // No root is larger (Cauchy, 1829): bisection need not begin far out.
+    let bound = 1.0 + 1.0 / scaled.last().map_or(1.0, |top| top.abs());
+    roots_between(&scaled, low.max(-bound), high.min(bound))
 }
 
 fn roots_between(coefficients: &[f64], low: f64, high: f64) -> Vec<f64> {

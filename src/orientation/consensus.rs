@@ -5,7 +5,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::refine::{PoseObservation, RefineSettings, refine_pose, turn_between};
-use super::three_point_poses;
+use super::{resect_from_points, three_point_poses};
 use crate::camera::Camera;
 use crate::geometry::Pose;
 
@@ -95,7 +95,8 @@ struct Trial {
 
 /// The pose that most (image point, object point) correspondences agree on, refined on them.
 ///
-/// Triples of points give poses by [`three_point_poses`]; each is scored by the truncated squared residuals of all
+/// Where the pose of least squares ([`resect_from_points`]) has all points agree, that is it. Otherwise triples
+/// of points give poses by [`three_point_poses`]; each is scored by the truncated squared residuals of all
 /// points (Torr and Zisserman, 2000), and each new best one is refined on its inliers (Chum et al., 2003). Up to some
 /// twenty points all triples are tried, otherwise seeded random ones until a better pose is improbable. The same input
 /// and seed give the same pose.
@@ -117,6 +118,14 @@ pub fn resect_by_consensus(
     }
     let rays: Vec<Vector3<f64>> = observations.iter().map(|o| camera.ray(&o.pixel)).collect();
     let to = observations.iter().map(|o| o.point).sum::<Vector3<f64>>() / given as f64;
+    let fitted = resect_from_points(camera, observations);
+    let fitted: Vec<Trial> = fitted
+        .iter()
+        .map(|f| score(camera, &rays, observations, f.pose, settings.tolerance_px))
+        .collect();
+    if fitted.first().is_some_and(|trial| trial.inliers == given) {
+        return conclude(camera, observations, &fitted, settings, needed, &to);
+    }
     let mut best: Vec<Trial> = Vec::new();
     let mut samples = Samples::new(given, settings);
     while let Some(sample) = samples.next() {

@@ -10,6 +10,7 @@
 //! - [`similarity`]: the closed-form resection of Hattori et al. (2002, equations 1-12) from coded targets.
 //! - [`p3p`] and [`consensus`]: three-point resection (Grunert, 1841; Haralick et al., 1994) in sample consensus
 //!   (Fischler and Bolles, 1981).
+//! - [`from_points`]: all poses of points without gross errors.
 //! - [`refine`]: the collinearity refinement that all of them end with.
 //! - [`relative`]: relative orientation by five points (Nister, 2004) or a plane (Faugeras and Lustman, 1988; Ma et al.,
 //!   2004).
@@ -25,6 +26,7 @@ pub mod device;
 mod device_search;
 pub mod dlt;
 mod five_point;
+pub mod from_points;
 pub mod p3p;
 pub mod plane_pose;
 pub mod refine;
@@ -38,6 +40,7 @@ pub use device::{
     DeviceRecognition, DeviceSettings, ImageDot, NotRecognised, RivalAssignment, recognise_device,
 };
 pub use dlt::{DltError, DltSettings, DltSolution, direct_linear_transformation};
+pub use from_points::{FittedPose, resect_from_points};
 pub use p3p::three_point_poses;
 pub use plane_pose::{NominalPose, PlanePoseError, plane_poses, poses_with_nominal_camera};
 pub use refine::{

@@ -14,40 +14,85 @@ const DEGENERATE_SINE: f64 = 1e-9;
 /// so the poses are as exact as the rays even near double roots. Degenerate triples give no pose.
 #[must_use]
 pub fn three_point_poses(rays: &[Vector3<f64>; 3], points: &[Vector3<f64>; 3]) -> Vec<Pose> {
-    let units = rays.map(|r| r.normalize());
-    let [p1, p2, p3] = points;
-    let sides2 = [
-        (p2 - p3).norm_squared(),
-        (p1 - p3).norm_squared(),
-        (p1 - p2).norm_squared(),
-    ];
-    let cosines = [
-        units[1].dot(&units[2]),
-        units[0].dot(&units[2]),
-        units[0].dot(&units[1]),
-    ];
-    let Some(object) = triangle_frame(points) else {
+    let Some(triangle) = Triangle::seen(rays, points) else {
         return Vec::new();
     };
-    let rays_apart = (0..3).all(|k| units[k].cross(&units[(k + 1) % 3]).norm() > DEGENERATE_SINE);
-    if !rays_apart {
+    let laws = &triangle.laws;
+    triangle.poses(&laws.distances(&laws.ratios()))
+}
+
+/// [`three_point_poses`], and the pose at which two of them would meet where noise has left neither.
+///
+/// Near the danger cylinder of the points (Thompson, 1966) two of the poses are almost one. Noise may lift that double root of
+/// the quartic off its axis, and the station is lost; the real part of the conjugate roots marks it still. Such a pose
+/// does not quite fit its three points: it is a start for a fit, which also tells whether it was noise.
+pub(super) fn three_point_starts(
+    rays: &[Vector3<f64>; 3],
+    points: &[Vector3<f64>; 3],
+) -> Vec<Pose> {
+    let Some(triangle) = Triangle::seen(rays, points) else {
         return Vec::new();
-    }
-    let mut poses = Vec::new();
-    for distances in distances(&sides2, &cosines) {
-        let in_camera = [0, 1, 2].map(|k| units[k] * distances[k]);
-        let Some(camera) = triangle_frame(&in_camera) else {
-            continue;
+    };
+    let laws = &triangle.laws;
+    let ratios = laws.ratios();
+    let mut distances = laws.distances(&ratios);
+    distances.extend(laws.lifted_distances(&ratios));
+    triangle.poses(&distances)
+}
+
+/// Three points and the rays along which they are seen.
+struct Triangle<'a> {
+    points: &'a [Vector3<f64>; 3],
+    /// The points' frame.
+    object: Matrix3<f64>,
+    /// Rays of length one.
+    units: [Vector3<f64>; 3],
+    laws: CosineLaws,
+}
+
+impl<'a> Triangle<'a> {
+    /// `None` for points in a line or rays that are one.
+    fn seen(rays: &[Vector3<f64>; 3], points: &'a [Vector3<f64>; 3]) -> Option<Self> {
+        let units = rays.map(|r| r.normalize());
+        let rays_apart =
+            (0..3).all(|k| units[k].cross(&units[(k + 1) % 3]).norm() > DEGENERATE_SINE);
+        let [p1, p2, p3] = points;
+        let laws = CosineLaws {
+            sides2: [
+                (p2 - p3).norm_squared(),
+                (p1 - p3).norm_squared(),
+                (p1 - p2).norm_squared(),
+            ],
+            cosines: [
+                units[1].dot(&units[2]),
+                units[0].dot(&units[2]),
+                units[0].dot(&units[1]),
+            ],
         };
-        let rotation = Rotation3::from_matrix_unchecked(camera * object.transpose());
-        let centroid = (p1 + p2 + p3) / 3.0;
-        let seen = (in_camera[0] + in_camera[1] + in_camera[2]) / 3.0;
-        poses.push(Pose {
-            camera_from_world: rotation,
-            centre_in_world: centroid - rotation.inverse() * seen,
-        });
+        let object = triangle_frame(points)?;
+        rays_apart.then_some(Self {
+            points,
+            object,
+            units,
+            laws,
+        })
     }
-    poses
+
+    /// The poses at these distances.
+    fn poses(&self, distances: &[[f64; 3]]) -> Vec<Pose> {
+        let pose = |distances: &[f64; 3]| {
+            let in_camera = [0, 1, 2].map(|k| self.units[k] * distances[k]);
+            let camera = triangle_frame(&in_camera)?;
+            let rotation = Rotation3::from_matrix_unchecked(camera * self.object.transpose());
+            let centroid = self.points.iter().sum::<Vector3<f64>>() / 3.0;
+            let seen = in_camera.iter().sum::<Vector3<f64>>() / 3.0;
+            Some(Pose {
+                camera_from_world: rotation,
+                centre_in_world: centroid - rotation.inverse() * seen,
+            })
+        };
+        distances.iter().filter_map(pose).collect()
+    }
 }
 
 /// The right-handed frame of a triangle, axes in columns; `None` for three points on a line.
@@ -61,27 +106,26 @@ fn triangle_frame(points: &[Vector3<f64>; 3]) -> Option<Matrix3<f64>> {
     Some(Matrix3::from_columns(&[x, z.cross(&x), z]))
 }
 
-/// The distances (s1, s2, s3) > 0 with `s2^2 + s3^2 - 2 s2 s3 cos a = a^2` and so on round the triangle.
-fn distances(sides2: &[f64; 3], cosines: &[f64; 3]) -> Vec<[f64; 3]> {
-    let [a2, b2, c2] = *sides2;
-    let [ca, cb, cc] = *cosines;
-    let (p, q, r) = ((a2 - c2) / b2, (a2 + c2) / b2, c2 / b2);
-    let s = a2 / b2;
-    let quartic = [
-        (1.0 + p).powi(2) - 4.0 * s * cc * cc,
-        4.0 * (-p * (1.0 + p) * cb + 2.0 * s * cc * cc * cb - (1.0 - q) * ca * cc),
-        2.0 * (p * p - 1.0 + 2.0 * p * p * cb * cb + 2.0 * (1.0 - r) * ca * ca
-            - 4.0 * q * ca * cb * cc
-            + 2.0 * (1.0 - s) * cc * cc),
-        4.0 * (p * (1.0 - p) * cb - (1.0 - q) * ca * cc + 2.0 * r * ca * ca * cb),
-        (p - 1.0).powi(2) - 4.0 * r * ca * ca,
-    ];
-    let mut solutions: Vec<[f64; 3]> = Vec::new();
-    // A ratio of distances beyond 1e4 is no measurement.
-    for v in real_roots(&quartic, 1e-4, 1e4) {
-        let s1 = (b2 / (1.0 + v * v - 2.0 * v * cb)).sqrt();
-        for u in ratios(v, s1, p, c2, cosines) {
-            let Some(polished) = polish([s1, u * s1, v * s1], sides2, cosines) else {
+/// A ratio of distances beyond this is no measurement.
+const LARGEST_RATIO: f64 = 1e4;
+
+/// `s2^2 + s3^2 - 2 s2 s3 cos a = a^2` and so on round the triangle, for the distances (s1, s2, s3) > 0.
+struct CosineLaws {
+    sides2: [f64; 3],
+    cosines: [f64; 3],
+}
+
+impl CosineLaws {
+    /// The real roots of the quartic: the ratios `s3 / s1`.
+    fn ratios(&self) -> Vec<f64> {
+        real_roots(&self.quartic(), 1.0 / LARGEST_RATIO, LARGEST_RATIO)
+    }
+
+    /// The distances that fulfil all three laws.
+    fn distances(&self, ratios: &[f64]) -> Vec<[f64; 3]> {
+        let mut solutions: Vec<[f64; 3]> = Vec::new();
+        for start in ratios.iter().flat_map(|v| self.distances_at(*v)) {
+            let Some(polished) = self.polish(start) else {
                 continue;
             };
             let known = |s: &[f64; 3]| (0..3).all(|k| (s[k] - polished[k]).abs() < 1e-7 * s[k]);
@@ -89,51 +133,90 @@ fn distances(sides2: &[f64; 3], cosines: &[f64; 3]) -> Vec<[f64; 3]> {
                 solutions.push(polished);
             }
         }
+        solutions
     }
-    solutions
-}
 
-/// The ratio `s2 / s1` that belongs to `v = s3 / s1`: from the linear equation of the elimination, or, where that is
-/// singular, both from the cosine law.
-fn ratios(v: f64, s1: f64, p: f64, c2: f64, cosines: &[f64; 3]) -> Vec<f64> {
-    let [ca, cb, cc] = *cosines;
-    let divisor = 2.0 * (cc - v * ca);
-    if divisor.abs() > 1e-6 {
-        return vec![((p - 1.0) * v * v - 2.0 * p * cb * v + 1.0 + p) / divisor];
-    }
-    let root = (cc * cc - 1.0 + c2 / (s1 * s1)).max(0.0).sqrt();
-    vec![cc + root, cc - root]
-}
-
-/// Newton's method on the three cosine laws; `None` where it does not end at positive distances that fulfil them.
-fn polish(start: [f64; 3], sides2: &[f64; 3], cosines: &[f64; 3]) -> Option<[f64; 3]> {
-    let scale = sides2[0] + sides2[1] + sides2[2];
-    let mut s = Vector3::from(start);
-    let law = |s: &Vector3<f64>| {
-        Vector3::from_fn(|k, _| {
-            let (i, j) = ((k + 1) % 3, (k + 2) % 3);
-            s[i] * s[i] + s[j] * s[j] - 2.0 * s[i] * s[j] * cosines[k] - sides2[k]
-        })
-    };
-    for _ in 0..6 {
-        let mut jacobian = Matrix3::zeros();
-        for k in 0..3 {
-            let (i, j) = ((k + 1) % 3, (k + 2) % 3);
-            jacobian[(k, i)] = 2.0 * (s[i] - s[j] * cosines[k]);
-            jacobian[(k, j)] = 2.0 * (s[j] - s[i] * cosines[k]);
+    /// The distances at the real part of two conjugate roots beside two real ones: the sum of all four is `-a3 / a4`, their
+    /// product `a0 / a4`.
+    fn lifted_distances(&self, ratios: &[f64]) -> Vec<[f64; 3]> {
+        let [a, b] = ratios else { return Vec::new() };
+        let [a0, _, _, a3, a4] = self.quartic();
+        let real_part = -0.5 * (a3 / a4 + a + b);
+        let squared_size = a0 / (a4 * a * b);
+        if !(real_part > 0.0 && squared_size > real_part * real_part) {
+            return Vec::new();
         }
-        let Some(inverse) = jacobian.try_inverse() else {
-            break;
+        let mut distances = self.distances_at(real_part);
+        distances.retain(|s| s.iter().all(|x| *x > 0.0));
+        distances
+    }
+
+    /// The quartic of Haralick et al. (1994, eq. 9) in `v = s3 / s1`, the constant first.
+    fn quartic(&self) -> [f64; 5] {
+        let [a2, b2, c2] = self.sides2;
+        let [ca, cb, cc] = self.cosines;
+        let (p, q, r) = ((a2 - c2) / b2, (a2 + c2) / b2, c2 / b2);
+        let s = a2 / b2;
+        [
+            (1.0 + p).powi(2) - 4.0 * s * cc * cc,
+            4.0 * (-p * (1.0 + p) * cb + 2.0 * s * cc * cc * cb - (1.0 - q) * ca * cc),
+            2.0 * (p * p - 1.0 + 2.0 * p * p * cb * cb + 2.0 * (1.0 - r) * ca * ca
+                - 4.0 * q * ca * cb * cc
+                + 2.0 * (1.0 - s) * cc * cc),
+            4.0 * (p * (1.0 - p) * cb - (1.0 - q) * ca * cc + 2.0 * r * ca * ca * cb),
+            (p - 1.0).powi(2) - 4.0 * r * ca * ca,
+        ]
+    }
+
+    /// The distances that belong to `v = s3 / s1`: `u = s2 / s1` from the linear equation of the elimination, or, where that is
+    /// singular, both from the cosine law.
+    fn distances_at(&self, v: f64) -> Vec<[f64; 3]> {
+        let [a2, b2, c2] = self.sides2;
+        let [ca, cb, cc] = self.cosines;
+        let p = (a2 - c2) / b2;
+        let s1 = (b2 / (1.0 + v * v - 2.0 * v * cb)).sqrt();
+        let with = |u: f64| [s1, u * s1, v * s1];
+        let divisor = 2.0 * (cc - v * ca);
+        if divisor.abs() > 1e-6 {
+            return vec![with(
+                ((p - 1.0) * v * v - 2.0 * p * cb * v + 1.0 + p) / divisor,
+            )];
+        }
+        let root = (cc * cc - 1.0 + c2 / (s1 * s1)).max(0.0).sqrt();
+        vec![with(cc + root), with(cc - root)]
+    }
+
+    /// Newton's method on the three laws; `None` where it does not end at positive distances that fulfil them.
+    fn polish(&self, start: [f64; 3]) -> Option<[f64; 3]> {
+        let Self { sides2, cosines } = self;
+        let scale = sides2[0] + sides2[1] + sides2[2];
+        let mut s = Vector3::from(start);
+        let law = |s: &Vector3<f64>| {
+            Vector3::from_fn(|k, _| {
+                let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+                s[i] * s[i] + s[j] * s[j] - 2.0 * s[i] * s[j] * cosines[k] - sides2[k]
+            })
         };
-        let step = inverse * law(&s);
-        s -= step;
-        if !(step.norm() > 1e-13 * s.norm()) {
-            break;
+        for _ in 0..6 {
+            let mut jacobian = Matrix3::zeros();
+            for k in 0..3 {
+                let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+                jacobian[(k, i)] = 2.0 * (s[i] - s[j] * cosines[k]);
+                jacobian[(k, j)] = 2.0 * (s[j] - s[i] * cosines[k]);
+            }
+            let Some(inverse) = jacobian.try_inverse() else {
+                break;
+            };
+            let step = inverse * law(&s);
+            s -= step;
+            if !(step.norm() > 1e-13 * s.norm()) {
+                break;
+            }
         }
+        // A root of the quartic that is none of the laws (or a double root split by noise) misses them by more.
+        let solved = law(&s).norm() < 1e-6 * scale && s.iter().all(|x| *x > 0.0);
+        solved.then(|| [s.x, s.y, s.z])
     }
-    // A root of the quartic that is none of the laws (or a double root split by noise) misses them by more.
-    let solved = law(&s).norm() < 1e-6 * scale && s.iter().all(|x| *x > 0.0);
-    solved.then(|| [s.x, s.y, s.z])
 }
 
 #[cfg(test)]

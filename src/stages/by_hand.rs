@@ -12,7 +12,7 @@ use super::resection::{KnownRay, lens_limit};
 use crate::camera::Camera;
 use crate::geometry::{Pose, skew};
 use crate::network::{ImageEntry, ImageId, Network, PointId, Source};
-use crate::orientation::p3p::three_point_poses;
+use crate::orientation::from_points::resect_from_points;
 use crate::orientation::refine::{Loss, PoseObservation, RefineSettings, refine_pose};
 use crate::targets::DotIndex;
 
@@ -64,9 +64,9 @@ pub(super) fn resect_from_three(
     rays: &[KnownRay; 3],
 ) -> Result<Confirmed, String> {
     let camera = &network.camera_of(&network.images[&id]).camera;
-    let directions = [0, 1, 2].map(|k: usize| camera.ray(&rays[k].observation.pixel));
-    let places = [0, 1, 2].map(|k: usize| rays[k].observation.point);
-    let poses = three_point_poses(&directions, &places);
+    let observations = [0, 1, 2].map(|k: usize| rays[k].observation);
+    let fitted = resect_from_points(camera, &observations);
+    let poses: Vec<Pose> = fitted.iter().map(|f| f.pose).collect();
     if poses.is_empty() {
         return Err(
             "the three points named by hand lie on one line or are no such points: label one more"
