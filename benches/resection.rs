@@ -58,7 +58,7 @@ fn from_points(camera: &Camera, observations: &[PoseObservation]) -> Vec<Pose> {
 }
 
 fn by_consensus(camera: &Camera, observations: &[PoseObservation]) -> Vec<Pose> {
-    let found = resect_by_consensus(camera, observations, &ConsensusSettings::default());
+    let found = resect_by_consensus(camera, observations, &[], &ConsensusSettings::default());
     found.iter().map(|f| f.pose).collect()
 }
 

@@ -4,6 +4,7 @@ use nalgebra::{Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use super::bodies::poses_of_bodies;
 use super::refine::{PoseObservation, RefineSettings, refine_pose, turn_between};
 use super::{resect_from_points, three_point_poses};
 use crate::camera::Camera;
@@ -101,11 +102,15 @@ struct Trial {
 /// twenty points all triples are tried, otherwise seeded random ones until a better pose is improbable. The same input
 /// and seed give the same pose.
 ///
+/// `bodies` are places of observations that are named together, as the dots of a code: the poses that fit several of them are
+/// tried first.
+///
 /// # Errors
 /// [`ResectionError`]: too few points, or no pose with enough of them.
 pub fn resect_by_consensus(
     camera: &Camera,
     observations: &[PoseObservation],
+    bodies: &[Vec<usize>],
     settings: &ConsensusSettings,
 ) -> Result<Resection, ResectionError> {
     let needed = settings.least_inliers.max(4);
@@ -126,29 +131,58 @@ pub fn resect_by_consensus(
     if fitted.first().is_some_and(|trial| trial.inliers == given) {
         return conclude(camera, observations, &fitted, settings, needed, &to);
     }
-    let mut best: Vec<Trial> = Vec::new();
+    let mut found = Found {
+        camera,
+        rays: &rays,
+        observations,
+        tolerance_px: settings.tolerance_px,
+        to,
+        best: Vec::new(),
+    };
+    for pose in poses_of_bodies(camera, observations, bodies, settings.seed) {
+        found.offer(pose);
+    }
     let mut samples = Samples::new(given, settings);
     while let Some(sample) = samples.next() {
+        if let Some(first) = found.best.first() {
+            samples.expect(first.inliers as f64 / given as f64);
+        }
         let poses = three_point_poses(
             &sample.map(|k| rays[k]),
             &sample.map(|k| observations[k].point),
         );
         for pose in poses {
-            let trial = score(camera, &rays, observations, pose, settings.tolerance_px);
-            // A pose that only its own three points like need not be polished.
-            let promising = best
-                .last()
-                .is_none_or(|worst| best.len() < 4 || trial.score < worst.score);
-            if trial.inliers >= 4 && promising {
-                let polished = polish(camera, &rays, observations, trial, settings.tolerance_px);
-                insert_distinct(&mut best, polished, &to);
-            }
-        }
-        if let Some(first) = best.first() {
-            samples.expect(first.inliers as f64 / given as f64);
+            found.offer(pose);
         }
     }
-    conclude(camera, observations, &best, settings, needed, &to)
+    conclude(camera, observations, &found.best, settings, needed, &to)
+}
+
+/// The best poses of those that were offered.
+struct Found<'a> {
+    camera: &'a Camera,
+    rays: &'a [Vector3<f64>],
+    observations: &'a [PoseObservation],
+    tolerance_px: f64,
+    /// The middle of the points.
+    to: Vector3<f64>,
+    best: Vec<Trial>,
+}
+
+impl Found<'_> {
+    fn offer(&mut self, pose: Pose) {
+        let (camera, rays, observations) = (self.camera, self.rays, self.observations);
+        let trial = score(camera, rays, observations, pose, self.tolerance_px);
+        // A pose that only its own three points like need not be polished.
+        let promising = self
+            .best
+            .last()
+            .is_none_or(|worst| self.best.len() < 4 || trial.score < worst.score);
+        if trial.inliers >= 4 && promising {
+            let polished = polish(camera, rays, observations, trial, self.tolerance_px);
+            insert_distinct(&mut self.best, polished, &self.to);
+        }
+    }
 }
 
 /// Triples of points: all of them, or random ones until the adaptive limit.
@@ -423,6 +457,7 @@ mod tests {
                 let found = resect_by_consensus(
                     &camera,
                     &scene.observations,
+                    &[],
                     &ConsensusSettings::default(),
                 )
                 .unwrap();
@@ -440,8 +475,13 @@ mod tests {
         let camera = simulation::distorted_camera();
         let scene = simulation::scene(&camera, 40, Noise(0.2), 3);
         let run = || {
-            resect_by_consensus(&camera, &scene.observations, &ConsensusSettings::default())
-                .unwrap()
+            resect_by_consensus(
+                &camera,
+                &scene.observations,
+                &[],
+                &ConsensusSettings::default(),
+            )
+            .unwrap()
         };
         assert_eq!(run(), run());
         assert_eq!(run().inlier_count, 40);

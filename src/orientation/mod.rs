@@ -21,6 +21,7 @@
     reason = "`!(x > limit)` also refuses what is not a number, which `x <= limit` would let pass"
 )]
 
+mod bodies;
 pub mod consensus;
 pub mod device;
 mod device_search;

@@ -11,7 +11,7 @@ use super::chance::{UNLIKELY, dots_under, is_single_code, log_chance};
 use super::lens::{IMAGES_FOR_ALL, images_of_cameras};
 use crate::camera::Camera;
 use crate::geometry::{Pose, Ray, intersect_rays};
-use crate::network::{CodeDot, ImageId, Network, Point, PointId, Source};
+use crate::network::{Code, CodeDot, ImageId, Network, Point, PointId, Source};
 use crate::orientation::consensus::{ConsensusSettings, resect_by_consensus};
 use crate::orientation::refine::{Loss, PoseObservation, RefineSettings, refine_pose};
 use crate::orientation::similarity::{CodeView, resect_by_similarity};
@@ -230,7 +230,15 @@ fn by_consensus(
         seed: network.settings.seed,
         ..ConsensusSettings::default()
     };
-    let found = resect_by_consensus(camera, observations, &settings).map_err(|e| e.to_string())?;
+    let mut bodies: BTreeMap<Code, Vec<usize>> = BTreeMap::new();
+    for (place, ray) in rays.iter().enumerate() {
+        if let Some(code) = ray.point.code() {
+            bodies.entry(code).or_default().push(place);
+        }
+    }
+    let bodies: Vec<Vec<usize>> = bodies.into_values().collect();
+    let found =
+        resect_by_consensus(camera, observations, &bodies, &settings).map_err(|e| e.to_string())?;
     if let Some(other) = &found.alternative
         && other.inliers >= found.inlier_count
         && other.rms_px < 2.0 * found.rms_px
