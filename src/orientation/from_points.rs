@@ -316,7 +316,7 @@ mod tests {
     use super::*;
     use crate::orientation::simulation::{self, Noise};
     use crate::orientation::{
-        IdealPoint, NominalPose, RefineSettings, plane_poses, refine_pose, three_point_poses,
+        IdealPoint, RefineSettings, plane_poses, refine_pose, three_point_poses,
     };
 
     fn station_error(fitted: &FittedPose, truth: &Pose) -> f64 {
@@ -376,19 +376,13 @@ mod tests {
             };
             let observations: Vec<PoseObservation> = points.iter().map(observe).collect();
             let found = resect_from_points(&camera, &observations);
-            let known = plane_poses(&points, 20.0).unwrap();
-            let squares = |p: &NominalPose| 10.0 * (p.rms_mm / (0.5 * 0.009)).powi(2);
-            assert!(
-                found[0].weighted_squares < squares(&known[0]) + 1e-3,
-                "{seed}"
-            );
-            if known.len() == 2 && squares(&known[1]) < 300.0 {
-                let same = |f: &FittedPose| turn_between(&f.pose, &known[1].pose) < 0.01;
-                assert!(found.iter().any(same), "{seed}");
-                two += 1;
-            }
+            let known = plane_poses(&points, 20.0).unwrap()[0];
+            let squares = 10.0 * (known.rms_mm / (0.5 * 0.009)).powi(2);
+            assert!(found[0].weighted_squares < squares + 1e-3, "{seed}");
+            two += usize::from(found.len() == 2);
         }
-        assert!(two > 10, "{two}");
+        // Seen from the front both are one.
+        assert!(two > 70, "{two}");
     }
 
     #[test]
