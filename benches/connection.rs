@@ -12,8 +12,6 @@ use std::time::Instant;
 use orientation_trials::recipe::{Recipe, Told, WrongCodes};
 use orientation_trials::scene::Scene;
 use orientation_trials::verdict::{concluded, station_errors};
-use rand::SeedableRng as _;
-use rand_chacha::ChaCha8Rng;
 use tiepoint::network::{InteriorSource, Stage};
 use tiepoint::targets::Family;
 
@@ -37,6 +35,8 @@ fn recipe(images: usize) -> Recipe {
         unread: 0.0,
         rolls: true,
         obliqueness: 0.9,
+        portrait: 0.0,
+        second_camera: None,
     }
 }
 
@@ -55,7 +55,7 @@ fn main() {
     );
     println!("| --- | --- | --- | --- | --- | --- | --- |");
     for images in sizes {
-        let scene = Scene::of(1, recipe(images), &mut ChaCha8Rng::seed_from_u64(1));
+        let scene = Scene::table_with(1, |_| recipe(images));
         let labels = scene
             .network
             .images

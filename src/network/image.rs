@@ -94,6 +94,9 @@ pub struct Attempt {
     /// Images that were oriented at that time: with more of them the points are known better, and it is tried again.
     #[serde(default)]
     pub oriented: usize,
+    /// [`super::Network::knowledge`] at that time: with more of it lenses and points are known better, and it is tried again.
+    #[serde(default)]
+    pub knowledge: usize,
     /// Why it failed, in the operator's words.
     pub reason: String,
 }

@@ -216,6 +216,14 @@ impl Network {
             .is_some_and(|c| c.basis == self.inputs)
     }
 
+    /// Passes of identification on the present inputs, and one more where there is an adjustment.
+    #[must_use]
+    pub fn knowledge(&self) -> usize {
+        let adjusted = self.adjustment.as_ref();
+        let passes = self.passes.iter().filter(|p| p.basis == self.inputs);
+        passes.count() + usize::from(adjusted.is_some_and(|a| a.basis == self.inputs))
+    }
+
     /// Why a code's reading is doubtful: it was set aside, or detection doubts it and the network does not bear it out.
     #[must_use]
     pub fn doubt_of<'a>(&self, image: &'a ImageEntry, reading: usize) -> Option<&'a str> {

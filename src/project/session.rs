@@ -52,6 +52,7 @@ impl Pictures for PictureFiles {
 
 /// A step that was begun: it holds all it needs and computes without the session.
 pub struct Run {
+    stage: Stage,
     step: Step,
     title: String,
     network: Arc<Network>,
@@ -100,7 +101,7 @@ impl Run {
     /// Does the step, and concludes its stage where it was the last; may take long, obeys the monitor's interrupt.
     #[must_use]
     pub fn compute(self, monitor: &Monitor) -> Computed {
-        let stage = self.step.stage();
+        let stage = self.stage;
         let result = self
             .step
             .run(&self.network, self.pictures.as_ref(), monitor);
@@ -424,6 +425,7 @@ impl Session {
             return Ok(None);
         };
         Ok(Some(Run {
+            stage,
             title: step.title(&self.network),
             step,
             network: Arc::clone(&self.network),

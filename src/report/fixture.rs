@@ -166,6 +166,7 @@ fn lost_image() -> ImageEntry {
         basis: 7,
         known_points: 1,
         oriented: 2,
+        knowledge: 1,
         reason: "too few codes".into(),
     });
     image

@@ -1,6 +1,6 @@
 //! The adjustments: codes alone, everything, and the one between two passes of identification.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use super::bundle::{Bundle, BundleFailure, DatumPoints, adjust_what_holds, restore_rejected};
@@ -44,8 +44,11 @@ const UNTOLD_SHARE: f64 = 0.7;
 /// Where the adjustment does not settle even then.
 const HELD_LENS: &str = "the images leave the lens so loose that most of its parameters are held at nominal values: the orientation is doubtful";
 
-/// Whether this adjustment has not been made on the present inputs, or for another frame.
+/// Whether this adjustment has not been made on the present inputs, of all oriented images, or for another frame.
 pub(super) fn is_outdated(network: &Network, stage: Stage) -> bool {
+    if leaves_images_out(network) {
+        return true;
+    }
     match (&network.adjustment, stage) {
         (Some(adjustment), Stage::AdjustCodes) => adjustment.basis != network.inputs,
         (Some(adjustment), _) => {
@@ -55,6 +58,21 @@ pub(super) fn is_outdated(network: &Network, stage: Stage) -> bool {
         }
         (None, _) => true,
     }
+}
+
+/// Whether there is an adjustment, but images were connected after it.
+pub(super) fn leaves_images_out(network: &Network) -> bool {
+    let Some(adjustment) = &network.adjustment else {
+        return false;
+    };
+    let adjusted: BTreeSet<ImageId> = adjustment
+        .observations
+        .iter()
+        .map(|row| row.image)
+        .collect();
+    network
+        .oriented_images()
+        .any(|(id, ..)| !adjusted.contains(&id))
 }
 
 /// Whether the final adjustment was made on the present inputs but is no longer there: the history keeps the newest one

@@ -158,6 +158,7 @@ fn refuse(network: &mut Network, ids: &[ImageId], reason: &str) {
             basis: network.inputs,
             known_points: super::bundle::known_points(network, &network.images[&id]),
             oriented,
+            knowledge: network.knowledge(),
             reason: reason.to_owned(),
         };
         network.image_mut(id).attempt = Some(attempt);

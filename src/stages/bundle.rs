@@ -518,6 +518,7 @@ fn set_image_aside(network: &mut Network, id: ImageId, found: usize) {
         basis: network.inputs,
         known_points: known_points(network, &network.images[&id]),
         oriented: network.oriented_images().count() - 1,
+        knowledge: network.knowledge(),
         reason: format!("only {found} of its points hold its orientation, 3 are needed"),
     };
     let image = network.image_mut(id);

@@ -47,20 +47,37 @@ const SHARE_OF_GAIN: f64 = 0.1;
 ///
 /// Cost: labelled dots of all images that are not connected yet.
 pub(super) fn next(network: &Network) -> Option<Vec<ImageId>> {
+    wave(network, candidates(network))
+}
+
+/// Those of them that were tried before on the same inputs: after the connection has ended, an adjustment or a pass of
+/// identification may have made known what they need.
+pub(super) fn again(network: &Network) -> Option<Vec<ImageId>> {
+    let tried = |candidate: &Candidate| {
+        let attempt = network.images[&candidate.id].attempt.as_ref();
+        attempt.is_some_and(|attempt| attempt.basis == network.inputs)
+    };
+    let mut candidates = candidates(network);
+    candidates.retain(tried);
+    wave(network, candidates)
+}
+
+fn candidates(network: &Network) -> Vec<Candidate> {
     let oriented = network.oriented_images().count();
+    let knowledge = network.knowledge();
     let turn = |image: &ImageEntry, known: usize| {
         let tried = image.attempt.as_ref().filter(|a| a.basis == network.inputs);
         match tried {
-            Some(attempt) if known <= attempt.known_points => {
-                (oriented > attempt.oriented).then_some(Turn::Again)
-            }
+            Some(attempt) if known <= attempt.known_points => (oriented > attempt.oriented
+                || knowledge > attempt.knowledge)
+                .then_some(Turn::Again),
             _ => Some(Turn::New),
         }
     };
     let waiting = network
         .used_images()
         .filter(|(_, image)| image.station.is_none() && image.detections.is_some());
-    let mut candidates: Vec<Candidate> = waiting
+    waiting
         .filter_map(|(id, image)| {
             let prospect = Prospect::of(network, image);
             let turn = turn(image, prospect.known)?;
@@ -70,16 +87,19 @@ pub(super) fn next(network: &Network) -> Option<Vec<ImageId>> {
                 id,
             })
         })
-        .collect();
+        .collect()
+}
+
+fn wave(network: &Network, mut candidates: Vec<Candidate>) -> Option<Vec<ImageId>> {
     candidates.sort_by(|a, b| {
         let by_gain = b.gain.total_cmp(&a.gain);
         a.turn.cmp(&b.turn).then(by_gain).then(a.id.cmp(&b.id))
     });
     let first = candidates.first()?;
     let (turn, least) = (first.turn, SHARE_OF_GAIN * first.gain);
-    let most = match oriented {
+    let most = match network.oriented_images().count() {
         0..IMAGES_FOR_WAVES => 1,
-        _ => (WAVE_SHARE * oriented as f64) as usize,
+        oriented => (WAVE_SHARE * oriented as f64) as usize,
     };
     let wave = candidates.iter().take(most);
     let wave = wave.take_while(|c| c.turn == turn && c.gain >= least);
@@ -252,6 +272,7 @@ impl Resected {
             basis: network.inputs,
             known_points: self.rays.len(),
             oriented: network.oriented_images().count(),
+            knowledge: network.knowledge(),
             reason,
         };
         network.image_mut(id).attempt = Some(attempt);
@@ -352,6 +373,20 @@ fn mostly_missing(rays: &[KnownRay], misfits: &[usize]) -> Vec<Code> {
         .filter(|(code, missed)| 2 * missed > of_code(*code).count())
         .map(|(code, _)| code)
         .collect()
+}
+
+/// Forgets what was told of images that are connected meanwhile.
+pub(super) fn settle_findings(network: &mut Network) {
+    let images = Arc::clone(&network.images);
+    let is_connected = |finding: &Finding| match finding.about {
+        About::Image(id) if finding.kind == FindingKind::UnconnectedImage => {
+            images.get(&id).is_some_and(|image| image.station.is_some())
+        }
+        _ => false,
+    };
+    if network.findings.iter().any(is_connected) {
+        Arc::make_mut(&mut network.findings).retain(|finding| !is_connected(finding));
+    }
 }
 
 /// The images that could not be connected and the readings set aside, each with its reason.

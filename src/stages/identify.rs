@@ -37,7 +37,8 @@ pub(super) fn is_unfinished(network: &Network) -> bool {
         .iter()
         .filter(|p| p.basis == network.inputs)
         .collect();
-    done.last().is_none_or(|pass| pass.labelled > 0) && done.len() < MAX_PASSES
+    let more = |pass: &&IdentificationPass| pass.labelled > 0 || adjust::leaves_images_out(network);
+    done.last().is_none_or(more) && done.len() < MAX_PASSES
 }
 
 /// One pass: names dots of known points and new targets, then adjusts everything.
@@ -81,7 +82,7 @@ pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> 
         .give(network, &found);
         new_points = network.points.len() - before;
     }
-    if labelled > 0 {
+    if labelled > 0 || adjust::leaves_images_out(network) {
         adjust::adjust(network, Stage::Identify, monitor)?;
     }
     let pass = IdentificationPass {

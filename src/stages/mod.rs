@@ -164,10 +164,11 @@ impl Stage {
             Stage::Connect => connect::next(network)
                 .map(Step::Connect)
                 .or_else(|| blocks::next(network).map(Step::Block)),
-            Stage::AdjustCodes => {
-                adjust::is_outdated(network, Stage::AdjustCodes).then_some(Step::AdjustCodes)
-            }
-            Stage::Identify => identify::is_unfinished(network).then_some(Step::Identify),
+            Stage::AdjustCodes if adjust::is_outdated(network, self) => Some(Step::AdjustCodes),
+            Stage::AdjustCodes => connect::again(network).map(Step::Connect),
+            Stage::Identify => connect::again(network)
+                .map(Step::Connect)
+                .or_else(|| identify::is_unfinished(network).then_some(Step::Identify)),
             Stage::Adjust => adjust::is_outdated(network, Stage::Adjust).then_some(Step::Adjust),
         }
     }
@@ -197,6 +198,7 @@ impl Stage {
             network.note(finding);
         }
         if self >= Stage::Connect {
+            connect::settle_findings(&mut network);
             detect::settle_doubts(&mut network);
         }
         let outcome = match failure {
@@ -243,19 +245,6 @@ impl Stage {
 }
 
 impl Step {
-    /// The stage that this step belongs to.
-    #[must_use]
-    pub fn stage(&self) -> Stage {
-        match self {
-            Step::Detect(_) => Stage::Detect,
-            Step::FirstPair => Stage::FirstPair,
-            Step::Connect(_) | Step::Block(_) => Stage::Connect,
-            Step::AdjustCodes => Stage::AdjustCodes,
-            Step::Identify => Stage::Identify,
-            Step::Adjust => Stage::Adjust,
-        }
-    }
-
     /// What the step does, as an entry of the history.
     #[must_use]
     pub fn title(&self, network: &Network) -> String {

@@ -254,7 +254,9 @@ fn by_consensus(
             other.rms_px
         ));
     }
-    let refined = refine_within(camera, observations, &found.pose, tolerance_px);
+    // What does not agree may be far off, and must not pull.
+    let refined = refine_near(camera, observations, &found.pose, tolerance_px);
+    let refined = refined.filter(|refined| refined.agreeing >= found.inlier_count);
     Ok(Confirmed {
         pose: refined.map_or(found.pose, |refined| refined.pose),
         named: Vec::new(),
@@ -266,43 +268,60 @@ struct RefinedWithin {
     agreeing: usize,
 }
 
-/// The robustly refined pose and how many points agree with it.
+/// The robustly refined pose and how many points agree with it, from a start that all points must mend.
 fn refine_within(
     camera: &Camera,
     observations: &[PoseObservation],
     start: &Pose,
     tolerance_px: f64,
 ) -> Option<RefinedWithin> {
-    // All dots count alike: what separates them from their places is the lens, not their own noise.
-    let alike: Vec<PoseObservation> = observations
-        .iter()
-        .map(|o| PoseObservation {
-            sigma_px: tolerance_px / 3.0,
-            ..*o
-        })
-        .collect();
-    let settings = RefineSettings {
-        loss: Loss::Huber(1.5),
-        ..RefineSettings::default()
-    };
-    let mut pose = refine_pose(camera, &alike, start, &settings).ok()?.pose;
+    let all = alike(observations, tolerance_px);
+    let pose = refine_pose(camera, &all, start, &robust()).ok()?.pose;
     // Bounded weights still let a code read wrongly pull; without the dots that are far off nothing pulls.
+    refine_near(camera, observations, &pose, tolerance_px)
+}
+
+/// The same from a start that tells which points are far off.
+fn refine_near(
+    camera: &Camera,
+    observations: &[PoseObservation],
+    start: &Pose,
+    tolerance_px: f64,
+) -> Option<RefinedWithin> {
+    let all = alike(observations, tolerance_px);
+    let mut pose = *start;
     for _ in 0..TRIMMINGS {
-        let near: Vec<PoseObservation> = alike
+        let near: Vec<PoseObservation> = all
             .iter()
             .filter(|o| residual_px(camera, &pose, o).is_some_and(|r| r < FAR_OFF * tolerance_px))
             .copied()
             .collect();
-        if near.len() == alike.len() {
+        pose = refine_pose(camera, &near, &pose, &robust()).ok()?.pose;
+        if near.len() == all.len() {
             break;
         }
-        pose = refine_pose(camera, &near, &pose, &settings).ok()?.pose;
     }
     let agreeing = observations
         .iter()
         .filter(|o| residual_px(camera, &pose, o).is_some_and(|r| r < tolerance_px))
         .count();
     Some(RefinedWithin { pose, agreeing })
+}
+
+/// The observations with one standard deviation: what separates dots from their places is the lens, not their own noise.
+fn alike(observations: &[PoseObservation], tolerance_px: f64) -> Vec<PoseObservation> {
+    let sigma_px = tolerance_px / 3.0;
+    let alike = observations
+        .iter()
+        .map(|o| PoseObservation { sigma_px, ..*o });
+    alike.collect()
+}
+
+fn robust() -> RefineSettings {
+    RefineSettings {
+        loss: Loss::Huber(1.5),
+        ..RefineSettings::default()
+    }
 }
 
 fn residual_px(camera: &Camera, pose: &Pose, observation: &PoseObservation) -> Option<f64> {

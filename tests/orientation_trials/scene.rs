@@ -70,9 +70,14 @@ fn generator(number: u64, stream: u64) -> ChaCha8Rng {
 impl Scene {
     /// The measurement with this number as a table of observations.
     pub(crate) fn table(number: u64) -> Self {
+        Self::table_with(number, |recipe| recipe)
+    }
+
+    /// The same after a change of the recipe.
+    pub(crate) fn table_with(number: u64, change: impl FnOnce(Recipe) -> Recipe) -> Self {
         let mut random = generator(number, 0);
         let mut others = generator(number, OTHER_CAMERAS);
-        let recipe = Recipe::of_one_camera(&mut random).with_cameras(&mut others);
+        let recipe = change(Recipe::of_one_camera(&mut random).with_cameras(&mut others));
         Self::observed(
             Plan::of(number, recipe, &mut random, &mut others),
             &mut random,

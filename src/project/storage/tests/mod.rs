@@ -209,6 +209,7 @@ fn image(id: u32, next: &mut impl FnMut() -> f64) -> ImageEntry {
             basis: 2,
             known_points: 3,
             oriented: 2,
+            knowledge: 1,
             reason: "too few".into(),
         }),
         ..ImageEntry::new(file, CameraId(0))
