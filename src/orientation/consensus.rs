@@ -496,10 +496,10 @@ mod tests {
         };
         let scene = spoiled(12, 12, 5);
         assert!(matches!(
-            resect_by_consensus(&camera, &scene.observations, &settings),
+            resect_by_consensus(&camera, &scene.observations, &[], &settings),
             Err(ResectionError::NoConsensus { given: 12, .. })
         ));
-        let few = resect_by_consensus(&camera, &scene.observations[..3], &settings);
+        let few = resect_by_consensus(&camera, &scene.observations[..3], &[], &settings);
         assert_eq!(
             few,
             Err(ResectionError::TooFewPoints {
@@ -508,11 +508,11 @@ mod tests {
             })
         );
         let same = vec![scene.observations[0]; 8];
-        assert!(resect_by_consensus(&camera, &same, &settings).is_err());
+        assert!(resect_by_consensus(&camera, &same, &[], &settings).is_err());
         let mut line = scene.observations.clone();
         for (k, o) in line.iter_mut().enumerate() {
             o.point = Vector3::x() * k as f64;
         }
-        assert!(resect_by_consensus(&camera, &line, &settings).is_err());
+        assert!(resect_by_consensus(&camera, &line, &[], &settings).is_err());
     }
 }

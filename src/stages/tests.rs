@@ -8,8 +8,8 @@ use nalgebra::Vector3;
 use super::trial::{code_panel, measured, run, texts};
 use crate::geometry::{Scale, fit_similarity};
 use crate::network::{
-    CameraId, ControlPoint, ControlRole, FindingKind, ImageId, ImageUse, InteriorSource, Network,
-    Outcome, PointId, Stage,
+    Attempt, CameraId, ControlPoint, ControlRole, FindingKind, ImageId, ImageUse, InteriorSource,
+    Network, Outcome, PointId, Stage,
 };
 use crate::synthetic::Experiment;
 use crate::targets::{Detections, DotIndex, Family};
@@ -136,6 +136,43 @@ fn an_image_that_nothing_holds_is_set_aside_and_the_rest_adjusted() {
             .any(|text| text.contains("image3.png: set aside")),
         "{told:?}"
     );
+}
+
+#[test]
+fn an_image_that_waits_is_tried_again_after_the_adjustment() {
+    let experiment = code_panel(8);
+    let mut network = run(measured(&experiment), Stage::Connect);
+    let basis = network.inputs;
+    let image = network.image_mut(ImageId(3));
+    image.station = None;
+    let attempt = Attempt {
+        basis,
+        known_points: 1000,
+        oriented: 7,
+        knowledge: 0,
+        reason: "a trial".into(),
+    };
+    image.attempt = Some(attempt);
+    let basis = network.inputs;
+    network
+        .image_mut(ImageId(3))
+        .attempt
+        .as_mut()
+        .unwrap()
+        .basis = basis;
+    Arc::make_mut(&mut network.connection_order).retain(|id| *id != ImageId(3));
+    let network = run(network, Stage::AdjustCodes);
+    assert_eq!(oriented(&network), 8);
+    let adjustment = network.adjustment.as_ref().unwrap();
+    assert!(
+        adjustment
+            .observations
+            .iter()
+            .any(|row| row.image == ImageId(3))
+    );
+    assert!(largest_error(&network, &experiment) < TOLERANCE_MM);
+    assert_eq!(texts(&network.findings), Vec::<&str>::new());
+    assert_eq!(outcome(&network, Stage::AdjustCodes), Some(Outcome::Done));
 }
 
 #[test]
