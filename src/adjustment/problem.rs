@@ -177,7 +177,7 @@ pub struct BundleSettings {
     /// Converged when an undamped step changes the computed observations by less than this, rms, in units of their
     /// standard deviations. Default 1e-6: far below what any sigma prints, far above rounding (1e-10).
     pub convergence: f64,
-    /// At most so many iterations; default 50 (good starts need 4 to 8).
+    /// At most so many iterations; default 200: good starts need 4 to 8, an image that hangs on a single code a hundred.
     pub iterations: usize,
     /// Default off; [`super::RejectionSettings`] has its own.
     pub robust_start: RobustStart,
@@ -187,7 +187,7 @@ impl Default for BundleSettings {
     fn default() -> Self {
         Self {
             convergence: 1e-6,
-            iterations: 50,
+            iterations: 200,
             robust_start: RobustStart::Off,
         }
     }

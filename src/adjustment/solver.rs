@@ -32,6 +32,10 @@ const SINGULAR_ATTEMPTS: usize = 3;
 /// The robust start ends when a step changes the observations by less than this, rms, in sigmas.
 const ROBUST_CONVERGENCE: f64 = 1e-2;
 
+/// At the last iteration a step that changes the observations by less than this, rms, in sigmas, is an end as well: where an image hangs
+/// on a single code seen from afar, the rounding of the normal equations is amplified to 1e-5.
+const NEGLIGIBLE_CHANGE: f64 = 1e-4;
+
 /// The median of absolute values of normal deviates times this is their standard deviation.
 pub(super) const SIGMA_FROM_MEDIAN: f64 = 1.4826;
 
@@ -381,7 +385,12 @@ impl BundleSolver {
         if damping == 0.0 && change < self.settings.convergence {
             self.termination = end(TerminationKind::Converged);
         } else if self.number >= self.settings.iterations {
-            self.termination = end(TerminationKind::IterationLimit);
+            let kind = if damping == 0.0 && change < NEGLIGIBLE_CHANGE {
+                TerminationKind::Converged
+            } else {
+                TerminationKind::IterationLimit
+            };
+            self.termination = end(kind);
         }
     }
 

@@ -85,10 +85,15 @@ pub(super) fn is_lost(network: &Network, stage: Stage) -> bool {
     stage == Stage::Adjust && made && network.adjustment.is_none()
 }
 
-/// The adjustment of a stage.
+/// The adjustment of a stage. Codes are looked at where their coordinates have standard deviations: those of a network that was
+/// settled only get them here.
 pub(super) fn run(network: &mut Network, stage: Stage, monitor: &Monitor) -> Result<(), Halt> {
     set_contradicted_codes_aside(network);
-    adjust(network, stage, monitor)
+    adjust(network, stage, monitor)?;
+    if stage == Stage::AdjustCodes && set_contradicted_codes_aside(network) {
+        adjust(network, stage, monitor)?;
+    }
+    Ok(())
 }
 
 /// Adjusts all labelled dots, rejects gross errors, and records the result as that of `stage`; the final one stands in
@@ -253,10 +258,11 @@ pub(super) fn halt(failure: BundleFailure) -> Halt {
     }
 }
 
-/// Codes whose coordinates contradict the shape of a code are clusters of plain targets read as codes.
-fn set_contradicted_codes_aside(network: &mut Network) {
+/// Codes whose coordinates contradict the shape of a code are clusters of plain targets read as codes; whether there were any.
+fn set_contradicted_codes_aside(network: &mut Network) -> bool {
     let ids: Vec<ImageId> = network.images.keys().copied().collect();
-    for code in CodeShapes::of(network).contradicted(network) {
+    let contradicted = CodeShapes::of(network).contradicted(network);
+    for &code in &contradicted {
         let of_code = |point: PointId| point.code() == Some((Family::Dot420, code));
         for id in &ids {
             let labels = &network.images[id].labels;
@@ -271,6 +277,7 @@ fn set_contradicted_codes_aside(network: &mut Network) {
             Arc::make_mut(&mut network.points).retain(|point, _| !of_code(*point));
         }
     }
+    !contradicted.is_empty()
 }
 
 /// Code readings of one image most of whose dots the adjustment rejected, with the largest |w|.

@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use super::first_pair::{self, DOTS_FOR_A_PAIR};
-use super::{Advance, Halt, connect};
+use super::{Halt, connect};
 use crate::monitor::Monitor;
 use crate::network::{Attempt, Code, ImageId, Network, PointId};
 
@@ -122,11 +122,7 @@ fn oriented(network: &Network, ids: &[ImageId], monitor: &Monitor) -> Result<Net
     block.points = Arc::default();
     first_pair::orient(&mut block, monitor)?;
     while let Some(wave) = connect::next(&block) {
-        let Advance { network, complete } = connect::run(block, &wave, monitor)?;
-        if !complete {
-            return Err(Halt::Interrupted);
-        }
-        block = network;
+        block = connect::run(block, &wave, monitor)?;
     }
     Ok(block)
 }

@@ -61,18 +61,23 @@ impl CodeShapes {
         }
     }
 
-    /// The codes of a network whose adjusted coordinates contradict their shape by more than their standard deviations explain.
+    /// The codes of a network whose adjusted coordinates contradict their shape by more than their standard deviations explain;
+    /// none where most do, for then it is not the codes that are wrong but the network, as with a lens far from its nominal one.
     pub(super) fn contradicted(&self, network: &Network) -> Vec<u32> {
-        codes_with_places(network)
-            .into_iter()
-            .filter(|(code, places)| {
-                shape(*code, places).is_some_and(|shape| {
-                    let sigma = mean_sigma(network, places) / shape.pitch;
-                    !self.accepts_within(&shape, SIGMAS * sigma)
-                })
+        let shapes: Vec<(u32, bool)> = codes_with_places(network)
+            .iter()
+            .filter_map(|(&code, places)| {
+                let shape = shape(code, places)?;
+                let sigma = mean_sigma(network, places) / shape.pitch;
+                Some((code, self.accepts_within(&shape, SIGMAS * sigma)))
             })
-            .map(|(code, _)| code)
-            .collect()
+            .collect();
+        let contradicted = shapes.iter().filter(|(_, fits)| !fits);
+        let contradicted: Vec<u32> = contradicted.map(|(code, _)| *code).collect();
+        if 2 * contradicted.len() > shapes.len() {
+            return Vec::new();
+        }
+        contradicted
     }
 
     fn accepts(&self, shape: &Shape) -> bool {

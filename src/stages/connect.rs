@@ -18,7 +18,7 @@ use super::lens::LensFreedom;
 use super::resection::{FoundPose, KnownRay, intersect_new_points, known_rays, misfits, resect};
 use super::scale::apply_frame;
 use super::set_aside::{OFF_ITS_PLACE, codes_set_aside, set_code_aside};
-use super::{Advance, Halt, adjust};
+use super::{Halt, adjust};
 use crate::adjustment::BundleSettings;
 use crate::monitor::Monitor;
 use crate::network::{
@@ -163,57 +163,43 @@ fn is_enough(network: &Network, image: &ImageEntry, known: usize) -> bool {
     known >= POINTS_TO_CONNECT || by_hand.count() >= POINTS_BY_HAND
 }
 
-/// Connects these images, or records why they cannot be connected now. Where it is interrupted, those stay connected that were
-/// resected until then.
+/// Connects these images, or records why they cannot be connected now. An interrupt leaves the network as it was, so that the waves
+/// and with them the digits are the same as without; what is lost is the work of one wave.
 pub(super) fn run(
     mut network: Network,
     ids: &[ImageId],
     monitor: &Monitor,
-) -> Result<Advance, Halt> {
+) -> Result<Network, Halt> {
     let task = monitor.task(title(&network, ids), ids.len() as u64);
     let before = network.clone();
-    let resected: Vec<Option<Resected>> = ids
+    let resected: Vec<Resected> = ids
         .par_iter()
         .map(|&id| {
-            task.step().ok()?;
-            Some(Resected::of(&before, id))
+            task.step()?;
+            Ok(Resected::of(&before, id))
         })
-        .collect();
-    let done: Vec<Resected> = resected.into_iter().flatten().collect();
-    let interrupted = done.len() < ids.len();
-    if interrupted && done.is_empty() {
-        return Err(Halt::Interrupted);
-    }
+        .collect::<Result<_, Halt>>()?;
     let mut open = BTreeSet::new();
     let mut connected = false;
-    for resected in &done {
+    for resected in &resected {
         connected |= resected.enter(&mut network, &mut open);
     }
-    if !connected || interrupted {
-        return Ok(Advance {
-            network,
-            complete: !interrupted,
-        });
+    if !connected {
+        return Ok(network);
     }
     intersect_new_points(&mut network);
     settle_minority(&mut network, &open);
-    let grown = network.clone();
-    match update(&mut network, monitor) {
-        Ok(()) => Ok(Advance::complete(network)),
-        Err(Halt::Interrupted) => Ok(Advance {
-            network: grown,
-            complete: false,
-        }),
+    match (update(&mut network, monitor), ids) {
+        (Ok(()), _) => Ok(network),
+        (Err(Halt::Interrupted), _) => Err(Halt::Interrupted),
         // The others were adjusted without it before: it is this image that they cannot be adjusted with.
-        Err(Halt::Failed(error)) => match ids {
-            [id] => {
-                let mut network = before;
-                done[0].refuse(&mut network, *id, error.to_string());
-                Ok(Advance::complete(network))
-            }
-            // One of several: they are tried one by one.
-            _ => run(before, &ids[..1], monitor),
-        },
+        (Err(Halt::Failed(error)), [_]) => {
+            let mut network = before;
+            resected[0].refuse(&mut network, error.to_string());
+            Ok(network)
+        }
+        // One of several: they are tried one by one.
+        (Err(Halt::Failed(_)), _) => run(before, &ids[..1], monitor),
     }
 }
 
@@ -249,7 +235,7 @@ impl Resected {
     fn enter(&self, network: &mut Network, open: &mut BTreeSet<Code>) -> bool {
         match &self.found {
             Err(reason) => {
-                self.refuse(network, self.id, reason.clone());
+                self.refuse(network, reason.clone());
                 false
             }
             Ok(found) => {
@@ -267,7 +253,7 @@ impl Resected {
         }
     }
 
-    fn refuse(&self, network: &mut Network, id: ImageId, reason: String) {
+    fn refuse(&self, network: &mut Network, reason: String) {
         let attempt = Attempt {
             basis: network.inputs,
             known_points: self.rays.len(),
@@ -275,7 +261,7 @@ impl Resected {
             knowledge: network.knowledge(),
             reason,
         };
-        network.image_mut(id).attempt = Some(attempt);
+        network.image_mut(self.id).attempt = Some(attempt);
     }
 }
 

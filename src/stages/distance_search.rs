@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use super::{Advance, Halt, adjust, connect, first_pair};
+use super::{Halt, adjust, connect, first_pair};
 use crate::monitor::Monitor;
 use crate::network::{InteriorSource, Network, Stage};
 
@@ -79,16 +79,9 @@ fn try_share(network: &Network, share: f64, monitor: &Monitor) -> Result<Option<
         let Some(next) = connect::next(&network) else {
             break;
         };
-        let Some(Advance {
-            network: after,
-            complete,
-        }) = succeeds(connect::run(network, &next, monitor))?
-        else {
+        let Some(after) = succeeds(connect::run(network, &next, monitor))? else {
             return Ok(None);
         };
-        if !complete {
-            return Err(Halt::Interrupted);
-        }
         network = after;
     }
     if succeeds(adjust::adjust(&mut network, Stage::AdjustCodes, monitor))?.is_none() {

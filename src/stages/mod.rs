@@ -273,7 +273,7 @@ impl Step {
         match self {
             Step::Detect(images) => return detect::run(network, images, pictures, monitor),
             Step::FirstPair => first_pair::run(&mut network, monitor)?,
-            Step::Connect(images) => return connect::run(network, images, monitor),
+            Step::Connect(images) => network = connect::run(network, images, monitor)?,
             Step::Block(images) => network = blocks::run(network, images, monitor)?,
             Step::AdjustCodes => adjust::run(&mut network, Stage::AdjustCodes, monitor)?,
             Step::Identify => identify::run(&mut network, monitor)?,

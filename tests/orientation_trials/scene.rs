@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use tiepoint::camera::Camera;
 use tiepoint::geometry::Pose;
 use tiepoint::network::{
-    CameraId, Code, DevicePoint, ImageEntry, ImageFile, ImageId, Network, PointId,
+    CameraId, Code, DevicePoint, ImageEntry, ImageFile, ImageId, InteriorSource, Network, PointId,
 };
 use tiepoint::stages::adopt;
 use tiepoint::synthetic::default_cross;
@@ -164,8 +164,10 @@ impl Scene {
     }
 
     /// The images that must be oriented: every one shares enough true codes with the others of the largest block that grows from
-    /// one pair.
+    /// one pair. Where no principal distance is told, fewer than four images cannot tell it.
     pub(crate) fn required(&self) -> BTreeSet<ImageId> {
+        /// Images that tell a principal distance of which nothing is known.
+        const IMAGES_TO_SEARCH: usize = 4;
         let is_ring = self.recipe.family != Family::Dot420;
         let enough = |shared: usize, wrong: usize| {
             if is_ring {
@@ -192,6 +194,12 @@ impl Scene {
                     best = grown;
                 }
             }
+        }
+        let mut cameras = self.network.cameras.values();
+        if cameras.any(|camera| camera.source == InteriorSource::Unknown)
+            && best.len() < IMAGES_TO_SEARCH
+        {
+            best.clear();
         }
         best
     }

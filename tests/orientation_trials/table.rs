@@ -1,19 +1,21 @@
 //! What detection would find in a picture, without the picture.
 
 use std::collections::BTreeMap;
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Vector2, Vector3};
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 use tiepoint::camera::Camera;
-use tiepoint::geometry::Pose;
+use tiepoint::geometry::{Circle, Pose};
 use tiepoint::targets::{CodeEvidence, CodeReading, Detections, Dot, DotIndex};
 
 use super::readings::{Shown, most_wrong, spoil};
 use super::recipe::Recipe;
 use super::world::World;
 
+/// Diameter of every dot, mm, as the program takes it where nothing else is stated.
+const DOT_MM: f64 = 5.0;
 /// Steeper targets are not seen.
 const STEEPEST: f64 = 70.0;
 /// Dots nearer to the border are not found, px.
@@ -38,7 +40,14 @@ impl View<'_> {
         if normal.is_some_and(|n| n.dot(&away) < STEEPEST.to_radians().cos()) {
             return None;
         }
-        let px = self.camera.project(&self.pose.camera_from_point(point))?;
+        // The cross and plain targets face the way the base plane does.
+        let circle = Circle {
+            normal: normal.copied().unwrap_or_else(Vector3::z),
+            radius_mm: 0.5 * DOT_MM,
+        };
+        let px = self
+            .camera
+            .image_of_target(self.pose, point, Some(&circle))?;
         let inside =
             |value: f64, size: u32| (BORDER_PX..f64::from(size) - BORDER_PX).contains(&value);
         if !(inside(px.x, self.camera.width_px) && inside(px.y, self.camera.height_px)) {
@@ -46,12 +55,22 @@ impl View<'_> {
         }
         let noise = self.recipe.noise_px;
         let centre_px = px + Vector2::new(normal_deviate(random), normal_deviate(random)) * noise;
+        // What is seen of the circle across the line of sight is its longest diameter.
+        let across = circle.normal.cross(&away);
+        let across = across.try_normalize(1e-9).unwrap_or_else(Vector3::x);
+        let along = circle.normal.cross(&across);
+        let diameter = |axis: &Vector3<f64>| {
+            let [from, to] = [-1.0, 1.0].map(|sign| point + axis * (sign * circle.radius_mm));
+            let [from, to] = [from, to].map(|end| self.pose.camera_from_point(&end));
+            Some(self.camera.project(&to)? - self.camera.project(&from)?)
+        };
+        let (major, minor) = (diameter(&across)?, diameter(&along)?);
         Some(Dot {
             centre_px,
             sigma_px: noise,
-            major_px: 10.0,
-            minor_px: 8.0,
-            angle: 0.0,
+            major_px: major.norm(),
+            minor_px: minor.norm().min(major.norm()),
+            angle: major.y.atan2(major.x).rem_euclid(PI),
             contrast: 120.0,
             background: 12.0,
         })
