@@ -36,6 +36,7 @@ mod layout;
 mod normals;
 mod problem;
 mod rejection;
+mod rejection_settings;
 mod result;
 mod runaways;
 mod settling;
@@ -61,9 +62,9 @@ pub use problem::{
     ImageObservation, ParameterState, PointBlock, RobustStart, StationBlock,
 };
 pub use rejection::{
-    RejectedObservation, RejectionReason, RejectionSettings, RobustAdjustment,
-    adjust_with_rejection,
+    RejectedObservation, RejectionReason, RobustAdjustment, adjust_with_rejection,
 };
+pub use rejection_settings::RejectionSettings;
 pub use result::{
     AdjustedCamera, AdjustedPoint, AdjustedStation, Adjustment, DistanceStatistics,
     ImageStatistics, ObservationStatus,

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use super::bundle::{Bundle, BundleFailure, DatumPoints, adjust_what_holds, restore_rejected};
+use super::bundle::{Bundle, BundleFailure, DatumPoints, restore_rejected};
 use super::circles::{self, SETTLED_PX};
 use super::code_shape::CodeShapes;
 use super::lens::{IMAGES_FOR_ALL, LensFreedom, Weighed, all_weighed, images_of_cameras, untold};
@@ -15,6 +15,7 @@ use super::set_aside::{
     set_code_aside,
 };
 use super::weak::{chance_orientations, weak_stations};
+use super::what_holds::adjust_what_holds;
 use super::{Halt, StageError};
 use crate::adjustment::{AdjustmentError, BundleSettings, RobustAdjustment};
 use crate::camera::INTERIOR_NAMES;

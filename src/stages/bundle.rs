@@ -7,18 +7,16 @@ use super::gross::far_off;
 use super::lens::{LensFreedom, images_of_cameras, parameter_states};
 use super::scale::{bars_in_reach, scale_source};
 use crate::adjustment::{
-    Adjustment, AdjustmentError, BundleProblem, BundleSettings, CameraBlock, CoordinatePrior,
-    Datum, DistanceObservation, ImageObservation, ObservationStatus, ParameterName, PointBlock,
-    ProblemPart, RejectionSettings, RobustAdjustment, Settled, SettledPoint, StationBlock,
-    adjust_with_rejection, settle,
+    Adjustment, AdjustmentError, BundleProblem, CameraBlock, CoordinatePrior, Datum,
+    DistanceObservation, ImageObservation, ObservationStatus, ParameterName, PointBlock,
+    ProblemPart, Settled, SettledPoint, StationBlock,
 };
 use crate::camera::INTERIOR_NAMES;
 use crate::geometry::ThreeTwoOne;
-use crate::monitor::Monitor;
 use crate::network::{
-    AdjustedObservation, AdjustmentResult, Attempt, BarResult, BarRole, CameraId, CameraResult,
-    ControlRole, FrameResult, ImageEntry, ImageId, Network, Point, PointId, PointKind, ScaleSource,
-    Stage, Standing, Station,
+    AdjustedObservation, AdjustmentResult, BarResult, BarRole, CameraId, CameraResult, ControlRole,
+    FrameResult, ImageEntry, ImageId, Network, Point, PointId, PointKind, ScaleSource, Stage,
+    Standing, Station,
 };
 use crate::targets::DotIndex;
 
@@ -90,7 +88,7 @@ impl DatumPoints {
 pub(super) struct Bundle {
     pub(super) problem: BundleProblem,
     datum: String,
-    images: Vec<ImageId>,
+    pub(super) images: Vec<ImageId>,
     cameras: Vec<CameraId>,
     points: Vec<PointId>,
     rows: Vec<(ImageId, DotIndex)>,
@@ -246,7 +244,7 @@ impl Bundle {
     }
 
     /// An error of the adjustment with its indices in the network's names.
-    fn failure(&self, network: &Network, error: AdjustmentError) -> BundleFailure {
+    pub(super) fn failure(&self, network: &Network, error: AdjustmentError) -> BundleFailure {
         let image = |station: usize| network.images[&self.images[station]].file.path.clone();
         let label = |point: usize| network.label(self.points[point]);
         let camera = |index: usize| network.cameras[&self.cameras[index]].name.clone();
@@ -456,75 +454,6 @@ fn not_in_frame(label: &str) -> String {
     format!(
         "{label} takes no part in the adjustment, expected a point with rays of two or more images"
     )
-}
-
-/// Adjusts with rejection. An image whose orientation its remaining points no longer determine is set aside, and the
-/// rest is adjusted; fewer than two images are an error.
-///
-/// # Errors
-/// As [`adjust_with_rejection`].
-pub(super) fn adjust_what_holds(
-    network: &mut Network,
-    assemble: impl Fn(&Network) -> Bundle,
-    settings: BundleSettings,
-    monitor: &Monitor,
-) -> Result<(Bundle, RobustAdjustment), BundleFailure> {
-    what_holds(network, assemble, |bundle, rejection| {
-        adjust_with_rejection(&bundle.problem, settings, rejection, monitor)
-    })
-}
-
-/// The same without precision and fine tests.
-///
-/// # Errors
-/// As [`settle`].
-pub(super) fn settle_what_holds(
-    network: &mut Network,
-    assemble: impl Fn(&Network) -> Bundle,
-    settings: BundleSettings,
-    monitor: &Monitor,
-) -> Result<(Bundle, Settled), BundleFailure> {
-    what_holds(network, assemble, |bundle, rejection| {
-        settle(&bundle.problem, settings, rejection, monitor)
-    })
-}
-
-fn what_holds<T>(
-    network: &mut Network,
-    assemble: impl Fn(&Network) -> Bundle,
-    adjust: impl Fn(&Bundle, &RejectionSettings) -> Result<T, AdjustmentError>,
-) -> Result<(Bundle, T), BundleFailure> {
-    let rejection = RejectionSettings {
-        critical: network.settings.critical_w,
-        ..RejectionSettings::default()
-    };
-    loop {
-        let bundle = assemble(network);
-        match adjust(&bundle, &rejection) {
-            Err(AdjustmentError::StationUnderdetermined { station, found })
-                if bundle.images.len() > 2 =>
-            {
-                set_image_aside(network, bundle.images[station], found);
-            }
-            Ok(adjusted) => return Ok((bundle, adjusted)),
-            Err(error) => return Err(bundle.failure(network, error)),
-        }
-    }
-}
-
-/// Takes an image's orientation away; it waits until more points are known.
-fn set_image_aside(network: &mut Network, id: ImageId, found: usize) {
-    let attempt = Attempt {
-        basis: network.inputs,
-        known_points: known_points(network, &network.images[&id]),
-        oriented: network.oriented_images().count() - 1,
-        knowledge: network.knowledge(),
-        reason: format!("only {found} of its points hold its orientation, 3 are needed"),
-    };
-    let image = network.image_mut(id);
-    image.station = None;
-    image.attempt = Some(attempt);
-    Arc::make_mut(&mut network.connection_order).retain(|other| *other != id);
 }
 
 /// How many used dots of an image have a point with coordinates.

@@ -10,14 +10,13 @@ use std::sync::Arc;
 use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 
-use super::bundle::{
-    Bundle, DatumPoints, adjust_what_holds, known_points, restore_rejected, settle_what_holds,
-};
+use super::bundle::{Bundle, DatumPoints, known_points, restore_rejected};
 use super::by_hand::{POINTS_BY_HAND, give_names};
 use super::lens::LensFreedom;
 use super::resection::{FoundPose, KnownRay, intersect_new_points, known_rays, misfits, resect};
 use super::scale::apply_frame;
 use super::set_aside::{OFF_ITS_PLACE, codes_set_aside, set_code_aside};
+use super::what_holds::{adjust_what_holds, settle_what_holds};
 use super::{Halt, adjust};
 use crate::adjustment::BundleSettings;
 use crate::monitor::Monitor;
@@ -170,7 +169,10 @@ pub(super) fn run(
     ids: &[ImageId],
     monitor: &Monitor,
 ) -> Result<Network, Halt> {
-    let task = monitor.task(title(&network, ids), ids.len() as u64);
+    let task = monitor.task(
+        format!("connecting {}", named(&network, ids)),
+        ids.len() as u64,
+    );
     let before = network.clone();
     let resected: Vec<Resected> = ids
         .par_iter()
@@ -203,14 +205,14 @@ pub(super) fn run(
     }
 }
 
-/// What the step does, in the operator's words.
-pub(super) fn title(network: &Network, ids: &[ImageId]) -> String {
+/// Images in the operator's words.
+pub(super) fn named(network: &Network, ids: &[ImageId]) -> String {
     match ids {
-        [id] => match network.images.get(id) {
-            Some(image) => format!("connect {}", image.file.path),
-            None => "connect an image".into(),
-        },
-        _ => format!("connect {} images", ids.len()),
+        [id] => network
+            .images
+            .get(id)
+            .map_or_else(|| "an image".into(), |image| image.file.path.clone()),
+        _ => format!("{} images", ids.len()),
     }
 }
 

@@ -35,6 +35,7 @@ mod tests;
 #[cfg(test)]
 mod trial;
 mod weak;
+mod what_holds;
 
 use std::sync::Arc;
 
@@ -251,7 +252,7 @@ impl Step {
         match self {
             Step::Detect(images) => format!("detect targets in {} images", images.len()),
             Step::FirstPair => "orient the first pair".into(),
-            Step::Connect(images) => connect::title(network, images),
+            Step::Connect(images) => format!("connect {}", connect::named(network, images)),
             Step::Block(images) => format!("orient {} images by themselves", images.len()),
             Step::AdjustCodes => "adjust the codes".into(),
             Step::Identify => "identify plain targets".into(),

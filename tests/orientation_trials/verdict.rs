@@ -27,9 +27,7 @@ impl Pictures for NoPictures {
 /// The stages from the first pair to the adjustment of the codes, as a session runs them.
 pub(crate) fn oriented(network: &Network) -> Network {
     let stages = [Stage::FirstPair, Stage::Connect, Stage::AdjustCodes];
-    stages
-        .into_iter()
-        .fold(network.clone(), |network, stage| concluded(network, stage))
+    stages.into_iter().fold(network.clone(), concluded)
 }
 
 /// All steps of a stage, and its conclusion.

@@ -1,0 +1,37 @@
+//! What counts as a gross error, and how long they are searched.
+
+use super::RobustStart;
+
+/// What counts as a gross error.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RejectionSettings {
+    /// Critical value of `|w|` over its robust scale; default 4.0 (6e-5 two-sided: less than one false alarm in
+    /// some 10,000 numbers; 3.29 would be the level 0.001).
+    pub critical: f64,
+    /// A rejected observation is restored when its predicted `|w|` over the scale is below this; default 3.3.
+    pub restore: f64,
+    /// At most so many adjustments; default 40.
+    pub passes: usize,
+    /// A point with fewer used rays (and unknown coordinates) is dropped; at least and by default 2.
+    pub min_rays: usize,
+    /// No observation is rejected by the test when its station would keep fewer; default 6.
+    pub min_station_rays: usize,
+    /// Weights of the first iterations; default Huber with threshold 2 and 15 iterations.
+    pub robust_start: RobustStart,
+}
+
+impl Default for RejectionSettings {
+    fn default() -> Self {
+        Self {
+            critical: 4.0,
+            restore: 3.3,
+            passes: 40,
+            min_rays: 2,
+            min_station_rays: 6,
+            robust_start: RobustStart::Huber {
+                threshold: 2.0,
+                iterations: 15,
+            },
+        }
+    }
+}
