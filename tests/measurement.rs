@@ -2,8 +2,10 @@
 
 mod rendered;
 
+use std::sync::Arc;
+
 use rendered::{Rendered, measure, ring_panel, small_box, whole_box};
-use tiepoint::network::{Network, Outcome, Stage};
+use tiepoint::network::{DevicePose, Network, Outcome, Stage};
 use tiepoint::report::{TruthCheck, check_against_truth};
 use tiepoint::synthetic::CrossPlan;
 use tiepoint::targets::Family;
@@ -49,6 +51,32 @@ fn assert_paper_box(check: &TruthCheck, sigma0: f64) {
     assert!((0.8..=1.35).contains(&ratio), "errors over sigmas {ratio}");
     // With 6000 degrees of freedom chance alone leaves 1 %; the rest is for sigmas that are true to 10 %.
     assert!((0.9..=1.1).contains(&sigma0), "sigma0 {sigma0}");
+}
+
+#[test]
+fn the_dlt_of_the_cross_starts_the_same_network() {
+    let rendered = small_box(61, Some(CrossPlan::default()));
+    let images = rendered.network.images.len();
+    let mut by_dlt = rendered.network.clone();
+    Arc::make_mut(&mut by_dlt.settings).device_pose = DevicePose::Dlt;
+    let [nominal, by_dlt] =
+        [rendered.network.clone(), by_dlt].map(|network| measure(network, &rendered.pictures));
+    for network in [&nominal, &by_dlt] {
+        let check = check_against_truth(network, &rendered.truth).expect("points to compare");
+        assert_nothing_wrong(&check);
+        assert_eq!(check.images_oriented, images);
+    }
+    // Two starts, one minimum.
+    let pairs: Vec<_> = nominal
+        .points
+        .iter()
+        .filter_map(|(id, point)| Some((point.position, by_dlt.points.get(id)?.position)))
+        .filter(|(a, b)| (a - b).norm() < 1.0)
+        .collect();
+    assert!(pairs.len() > 50, "{} points of both", pairs.len());
+    let apart = pairs.iter().map(|(a, b)| (a - b).norm());
+    let largest = apart.fold(0.0, f64::max);
+    assert!(largest < 1e-3, "{largest} mm");
 }
 
 #[test]

@@ -36,7 +36,7 @@ pub use result::{
     AdjustedObservation, AdjustmentResult, BarResult, CameraResult, IdentificationPass, Point,
     ScaleSource, Standing,
 };
-pub use settings::{DotFamily, MeasurementSettings, TargetSizes};
+pub use settings::{DevicePose, DotFamily, MeasurementSettings, TargetSizes};
 pub use stage::{About, Conclusion, Finding, FindingKind, Outcome, Stage};
 
 /// One scale bar: a known distance between two points.

@@ -52,6 +52,17 @@ impl TargetSizes {
     }
 }
 
+/// How an image that shows the reference cross gets its first orientation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum DevicePose {
+    /// By the nominal principal distance; of a flat view both poses are kept until the network decides. The more exact one.
+    #[default]
+    Nominal,
+    /// By the eleven-parameter DLT without any (Hattori et al., 2002), where two dots or more are raised; its interior
+    /// orientation is disregarded. The other one where it cannot be had.
+    Dlt,
+}
+
 /// What the operator asks for; changing any of it is an edit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MeasurementSettings {
@@ -67,6 +78,9 @@ pub struct MeasurementSettings {
     pub critical_w: f64,
     /// Fewest rays of a plain target.
     pub min_rays: u32,
+    /// First orientation from the reference cross.
+    #[serde(default)]
+    pub device_pose: DevicePose,
 }
 
 impl Default for MeasurementSettings {
@@ -78,6 +92,7 @@ impl Default for MeasurementSettings {
             detection_batch: 16,
             critical_w: 4.0,
             min_rays: 3,
+            device_pose: DevicePose::default(),
         }
     }
 }

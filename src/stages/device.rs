@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::Halt;
 use crate::geometry::Pose;
 use crate::monitor::Monitor;
-use crate::network::{ImageEntry, ImageId, Label, Network, PointId, Source};
+use crate::network::{DevicePose, ImageEntry, ImageId, Label, Network, PointId, Source};
 use crate::orientation::device::{DeviceSettings, ImageDot, recognise_device};
 use crate::orientation::dlt::{DltSettings, direct_linear_transformation};
 use crate::orientation::refine::{IdealPoint, refine_on_ideal_points};
@@ -93,10 +93,11 @@ fn recognise(network: &Network, id: ImageId, image: &ImageEntry) -> Option<Devic
         })
         .collect();
     let nominal = found.poses.iter().map(|p| p.pose);
-    let poses = dlt_pose(&points, c, camera.pixel_pitch_mm)
-        .into_iter()
-        .chain(nominal)
-        .collect();
+    let by_dlt = match network.settings.device_pose {
+        DevicePose::Nominal => None,
+        DevicePose::Dlt => dlt_pose(&points, c, camera.pixel_pitch_mm),
+    };
+    let poses = by_dlt.into_iter().chain(nominal).collect();
     let centre = points
         .iter()
         .map(|p| p.ideal)

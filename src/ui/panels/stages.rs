@@ -3,7 +3,7 @@
 use egui::{Align, Button, CollapsingHeader, DragValue, ProgressBar, RichText, ScrollArea, Ui};
 
 use super::facts::mark;
-use crate::network::{MeasurementSettings, Network, Outcome, Stage};
+use crate::network::{DevicePose, MeasurementSettings, Network, Outcome, Stage};
 use crate::project::edit::Edit;
 use crate::targets::Family;
 use crate::ui::action::{Action, RunRequest};
@@ -93,6 +93,15 @@ impl StagesPanel {
                 .range(1..=64)
                 .speed(1.0),
         );
+        heading(ui, Stage::FirstPair);
+        ui.horizontal(|ui| {
+            ui.label("Pose from the cross").on_hover_text(
+                "By the nominal principal distance is more exact; the DLT (Hattori et al., 2002) needs none, but two raised dots.",
+            );
+            let present = &mut draft.device_pose;
+            ui.radio_value(present, DevicePose::Nominal, "nominal camera");
+            ui.radio_value(present, DevicePose::Dlt, "DLT");
+        });
         heading(ui, Stage::Identify);
         number(
             ui,
