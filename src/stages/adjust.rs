@@ -14,7 +14,7 @@ use super::set_aside::{
     OF_OTHER_SHAPE, codes_set_aside, intersect_operators_points, operators_labels_not_used,
     set_code_aside,
 };
-use super::weak::{chance_orientations, weak_stations};
+use super::weak::{chance_orientations, chance_pair, weak_stations};
 use super::what_holds::adjust_what_holds;
 use super::{Halt, StageError};
 use crate::adjustment::{AdjustmentError, BundleSettings, RobustAdjustment};
@@ -371,6 +371,7 @@ pub(super) fn findings(network: &Network, stage: Stage) -> Vec<Finding> {
     findings.extend(doubtful_images(network, stage));
     findings.extend(weak_stations(network, stage));
     findings.extend(chance_orientations(network, stage));
+    findings.extend(chance_pair(network, stage));
     findings
 }
 

@@ -79,6 +79,23 @@ pub(super) fn log_chance(dots: &[Dot], camera: &Camera, tolerance_px: f64) -> f6
     4_f64.log10() + log_binomial(all.max(3), 3) + log_binomial(all, agreeing) + sum - 3.0 * place
 }
 
+/// Logarithm of the expected number of relative orientations under which `agreeing` of `common` dots of two images meet by chance:
+/// five of them give up to ten, and each other one lies within `tolerance_px` of its epipolar line with the share of the picture
+/// that the strip along it takes (Moisan and Stival, 2004, eq. 6; Moulon, Monasse and Marlet, 2012).
+pub(super) fn log_chance_of_pair(
+    common: usize,
+    agreeing: usize,
+    camera: &Camera,
+    tolerance_px: f64,
+) -> f64 {
+    let [width, height] = [camera.width_px, camera.height_px].map(f64::from);
+    let strip = 2.0 * tolerance_px * width.hypot(height) / (width * height);
+    let others = agreeing.saturating_sub(5) as f64;
+    1.0 + log_binomial(common, agreeing)
+        + log_binomial(agreeing, 5)
+        + others * strip.min(1.0).log10()
+}
+
 /// Whether all dots belong to one code: its shape gives the pose, and no other code speaks for its number or against it.
 pub(super) fn is_single_code(dots: &[Dot]) -> bool {
     let codes: BTreeSet<Option<Code>> = dots.iter().map(|dot| dot.point.code()).collect();
@@ -142,6 +159,15 @@ mod tests {
         let dots: Vec<Dot> = (1..=4).map(|number| ring(number, 0.5)).collect();
         assert!(log_chance(&dots, &camera, 1.0) < UNLIKELY);
         assert!(log_chance(&dots, &camera, 25.0) > UNLIKELY);
+    }
+
+    #[test]
+    fn eight_points_of_two_images_prove_what_seven_of_nine_do_not() {
+        let camera = code_camera();
+        assert!(log_chance_of_pair(8, 8, &camera, 1.0) < UNLIKELY);
+        assert!(log_chance_of_pair(9, 7, &camera, 1.0) > UNLIKELY);
+        assert!(log_chance_of_pair(5, 5, &camera, 1e-3) > UNLIKELY);
+        assert!(log_chance_of_pair(18, 18, &camera, 25.0) < UNLIKELY);
     }
 
     #[test]

@@ -1,7 +1,11 @@
 //! Orientations that the observations hardly determine: the adjustment gives them, and the operator must not take them for good.
 
-use super::chance::{Dot, UNLIKELY, log_chance};
-use crate::network::{About, Finding, FindingKind, ImageEntry, ImageId, Network, Stage, Station};
+use std::collections::BTreeSet;
+
+use super::chance::{Dot, UNLIKELY, log_chance, log_chance_of_pair};
+use crate::network::{
+    About, Finding, FindingKind, ImageEntry, ImageId, Network, PointId, Stage, Standing, Station,
+};
 
 /// A station is weak where its standard deviation along the worst axis exceeds this share of its distance to the points: 3 mm at
 /// one metre, where good networks of codes alone have 0.7 mm at worst (Hattori et al., 2002).
@@ -75,6 +79,51 @@ fn weakness(network: &Network, id: ImageId, image: &ImageEntry, station: &Statio
         image: id,
         sigma,
         codes: codes.len(),
+    })
+}
+
+/// A finding where two images are all that is oriented and their dots, as they are named, might meet by chance. A cross or a third image
+/// would tell.
+pub(super) fn chance_pair(network: &Network, stage: Stage) -> Option<Finding> {
+    /// A dot agrees within so many standard deviations.
+    const SIGMAS: f64 = 3.0;
+    let oriented: Vec<ImageId> = network.oriented_images().map(|(id, ..)| id).collect();
+    let &[first, second] = &oriented[..] else {
+        return None;
+    };
+    let adjustment = network.adjustment.as_ref()?;
+    let named = |id: ImageId| -> BTreeSet<PointId> {
+        let labels = network.images[&id].labels.values();
+        labels.map(|label| label.point).collect()
+    };
+    let common: Vec<PointId> = named(first).intersection(&named(second)).copied().collect();
+    if common.iter().any(|id| matches!(id, PointId::Device(_))) {
+        return None;
+    }
+    let used = adjustment.observations.iter();
+    let used = used.filter(|row| row.standing == Standing::Used);
+    let mut agreeing = BTreeSet::new();
+    let mut largest = 0.0_f64;
+    for row in used {
+        agreeing.insert(row.point);
+        let detections = network.images[&row.image].detections.as_ref()?;
+        // A lens that gives way may leave less than noise.
+        let noise = SIGMAS * detections.dots[row.dot.slot()].sigma_px;
+        largest = largest.max(row.residual_px.norm()).max(noise);
+    }
+    // Both images give way to a dot that lies off its epipolar line.
+    let camera = &network.camera_of(&network.images[&first]).camera;
+    let chance = log_chance_of_pair(common.len(), agreeing.len(), camera, 2.0 * largest);
+    (chance > UNLIKELY).then(|| Finding {
+        stage,
+        kind: FindingKind::Connectivity,
+        about: About::Project,
+        text: format!(
+            "the {} of {} common dots in which the two oriented images agree might meet by chance, so the orientation is doubtful: a third \
+             image would tell",
+            agreeing.len(),
+            common.len()
+        ),
     })
 }
 

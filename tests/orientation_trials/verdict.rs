@@ -1,11 +1,13 @@
 //! What became of a random measurement.
 
+use std::sync::Arc;
+
 use nalgebra::{Matrix3, Vector3};
 use tiepoint::geometry::{Scale, Similarity, fit_similarity};
 use tiepoint::imaging::GreyImage;
 use tiepoint::monitor::Monitor;
 use tiepoint::network::{
-    About, Finding, FindingKind, ImageEntry, ImageId, Network, Stage, Station,
+    About, Finding, FindingKind, ImageEntry, ImageId, Network, Point, PointId, Stage, Station,
 };
 use tiepoint::stages::{Advance, Halt, Pictures};
 
@@ -152,34 +154,57 @@ fn is_doubted(network: &Network, id: ImageId) -> bool {
         || about(network, id).any(|f| f.text.contains("orientation is doubtful"))
 }
 
-/// The best fit of the network onto the truth over what agrees: most of the points, then most of the stations.
+/// The best fit of the network onto the truth: the one under which most stations and points are right. It begins from all of
+/// them, from the cross, and from the stations, for points of codes that were read wrongly may be as many as the others.
 fn fit(scene: &Scene, network: &Network) -> Option<Similarity> {
-    let points = network
-        .points
-        .iter()
-        .filter_map(|(id, point)| Some((point.position, *scene.points.get(id)?)));
+    let point =
+        |(id, point): (&PointId, &Arc<Point>)| Some((point.position, *scene.points.get(id)?));
+    let points: Vec<Pair> = network.points.iter().filter_map(point).collect();
+    let of_cross = network.points.iter();
+    let of_cross = of_cross.filter(|(id, _)| matches!(id, PointId::Device(_)));
+    let cross: Vec<Pair> = of_cross.filter_map(point).collect();
     let stations = network.oriented_images().map(|(id, _, station)| {
-        (
-            station.pose.centre_in_world,
-            scene.poses[&id].centre_in_world,
-        )
+        let truth = scene.poses[&id].centre_in_world;
+        (station.pose.centre_in_world, truth)
     });
-    let pairs: Vec<(Vector3<f64>, Vector3<f64>)> = points.chain(stations).collect();
-    let mut used = pairs.clone();
-    let mut best = fit_similarity(&used, Scale::Free).ok()?;
+    let stations: Vec<Pair> = stations.collect();
+    let all = [points, stations.clone()].concat();
+    let right = |fit: &Similarity| {
+        let off = |pair: &&Pair| (fit.apply(&pair.0) - pair.1).norm() <= LARGEST_MM;
+        all.iter().filter(off).count()
+    };
+    let starts = [all.clone(), cross, stations];
+    let fits = starts.iter().filter_map(|start| fit_from(start, &all));
+    // Of equal ones the first.
+    fits.reduce(|best, other| {
+        if right(&other) > right(&best) {
+            other
+        } else {
+            best
+        }
+    })
+}
+
+/// A place in the network and in truth.
+type Pair = (Vector3<f64>, Vector3<f64>);
+
+/// The fit over what agrees, from a fit over some.
+fn fit_from(start: &[Pair], all: &[Pair]) -> Option<Similarity> {
+    let mut best = fit_similarity(start, Scale::Free).ok()?;
+    let mut used = start.len();
     for _ in 0..20 {
-        let off = |pair: &(Vector3<f64>, Vector3<f64>)| (best.apply(&pair.0) - pair.1).norm();
-        let mut sorted: Vec<f64> = pairs.iter().map(off).collect();
+        let off = |pair: &Pair| (best.apply(&pair.0) - pair.1).norm();
+        let mut sorted: Vec<f64> = all.iter().map(off).collect();
         sorted.sort_by(f64::total_cmp);
         let limit = 3.0 * sorted[sorted.len() / 2] + 1e-6;
-        let kept: Vec<_> = pairs
+        let kept: Vec<Pair> = all
             .iter()
             .filter(|pair| off(pair) <= limit)
             .copied()
             .collect();
-        let same = kept.len() == used.len();
-        used = kept;
-        best = fit_similarity(&used, Scale::Free).ok()?;
+        let same = kept.len() == used;
+        used = kept.len();
+        best = fit_similarity(&kept, Scale::Free).ok()?;
         if same {
             break;
         }
