@@ -94,12 +94,12 @@ impl StagesPanel {
                 .speed(1.0),
         );
         heading(ui, Stage::FirstPair);
-        ui.horizontal(|ui| {
+        ui.horizontal_wrapped(|ui| {
             ui.label("Pose from the cross").on_hover_text(
                 "By the nominal principal distance is more exact; the DLT (Hattori et al., 2002) needs none, but two raised dots.",
             );
             let present = &mut draft.device_pose;
-            ui.radio_value(present, DevicePose::Nominal, "nominal camera");
+            ui.radio_value(present, DevicePose::Nominal, "nominal c");
             ui.radio_value(present, DevicePose::Dlt, "DLT");
         });
         heading(ui, Stage::Identify);
