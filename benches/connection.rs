@@ -79,7 +79,7 @@ fn main() {
             seconds[1],
             1e3 * seconds[1] / images as f64,
             errors.len(),
-            errors.iter().copied().fold(0.0, f64::max),
+            errors.values().copied().fold(0.0, f64::max),
         );
     }
 }

@@ -9,8 +9,9 @@ mod orientation_trials;
 
 use std::time::Instant;
 
+use orientation_trials::bound::Known;
 use orientation_trials::scene::Scene;
-use orientation_trials::verdict::{Verdict, oriented};
+use orientation_trials::verdict::{Verdict, beyond_observations, oriented};
 use rayon::prelude::*;
 use tiepoint::network::Network;
 
@@ -18,6 +19,9 @@ use tiepoint::network::Network;
 struct Tried {
     scene: Scene,
     verdict: Verdict,
+    /// Of the images that are missed or too weak, those that no estimate could orient better, with what can be known of these lenses and of
+    /// any.
+    beyond_observations: [usize; 2],
     /// To render and to detect, where there are pictures; it means something for a measurement that is alone.
     seconds_to_see: f64,
     seconds_to_orient: f64,
@@ -54,12 +58,25 @@ fn main() {
             let network = oriented(&scene.network);
             let seconds_to_orient = begun.elapsed().as_secs_f64();
             let verdict = Verdict::of(&scene, &network);
+            let beyond_observations = [Known::SpreadOfTrials, Known::SpreadOfLenses].map(|known| {
+                let mut short = verdict
+                    .missed
+                    .iter()
+                    .chain(&verdict.weak_required)
+                    .peekable();
+                if short.peek().is_none() {
+                    return 0;
+                }
+                let beyond = beyond_observations(&scene, known);
+                short.filter(|id| beyond.contains(id)).count()
+            });
             if numbers.len() > 2 {
                 print_details(&scene, &network);
             }
             Tried {
                 scene,
                 verdict,
+                beyond_observations,
                 seconds_to_see,
                 seconds_to_orient,
             }
@@ -77,7 +94,7 @@ fn main() {
 fn print_measurement(tried: &Tried) {
     let Tried { scene, verdict, .. } = tried;
     println!(
-        "{}: {} images, {} required, {} right, missed {:?}, wrong {:.3?}, doubted {:?}, weak {:?}, silent {:?}; {:.2} s to see, {:.2} s to orient; {:?}",
+        "{}: {} images, {} required, {} right, missed {:?}, wrong {:.3?}, doubted {:?}, weak {:?}, silent {:?}, cannot be told better {:?}; {:.2} s to see, {:.2} s to orient; {:?}",
         scene.number,
         verdict.images,
         verdict.required,
@@ -87,6 +104,7 @@ fn print_measurement(tried: &Tried) {
         verdict.doubted,
         verdict.weak,
         verdict.silent,
+        tried.beyond_observations,
         tried.seconds_to_see,
         tried.seconds_to_orient,
         scene.recipe
@@ -118,7 +136,7 @@ fn print_details(scene: &Scene, network: &Network) {
             camera.source,
             scene.network.cameras[id].camera.interior.principal_distance,
             camera.camera.interior.principal_distance,
-            scene.principal_distances[id]
+            scene.cameras[id].interior.principal_distance
         );
     }
 }
@@ -137,8 +155,9 @@ fn print_readings(tried: &[Tried]) {
 }
 
 fn print_table(tried: &[Tried], seconds: f64) {
-    let mut sum = [0; 9];
-    for Tried { verdict, .. } in tried {
+    let mut sum = [0; 11];
+    for measurement in tried {
+        let verdict = &measurement.verdict;
         let parts = [
             verdict.images,
             verdict.required,
@@ -148,7 +167,9 @@ fn print_table(tried: &[Tried], seconds: f64) {
             verdict.doubted.len(),
             verdict.silent.len(),
             verdict.weak.len(),
-            verdict.weak_required,
+            verdict.weak_required.len(),
+            measurement.beyond_observations[0],
+            measurement.beyond_observations[1],
         ];
         for (sum, part) in sum.iter_mut().zip(parts) {
             *sum += part;
@@ -165,13 +186,15 @@ fn print_table(tried: &[Tried], seconds: f64) {
         silent,
         weak,
         weak_required,
+        beyond,
+        beyond_of_any,
     ] = sum;
     println!(
-        "| measurements | images | required | right | required, but missed | wrong | wrong, but told | too weak, and told (required) | left out without a reason | measurements with a failure | s |"
+        "| measurements | images | required | right | required, but missed | wrong | wrong, but told | too weak, and told (required) | of the required these cannot be told better, lenses spread as these / as any | left out without a reason | measurements with a failure | s |"
     );
-    println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
+    println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
     println!(
-        "| {} | {images} | {required} | {right} | {missed} | {wrong} | {doubted} | {weak} ({weak_required}) | {silent} | {failed} | {seconds:.0} |",
+        "| {} | {images} | {required} | {right} | {missed} | {wrong} | {doubted} | {weak} ({weak_required}) | {beyond} / {beyond_of_any} | {silent} | {failed} | {seconds:.0} |",
         tried.len(),
     );
 }

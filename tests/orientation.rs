@@ -27,7 +27,7 @@ fn verdicts(
 
 /// To be told that all is doubtful is not enough.
 fn assert_right(scene: &Scene, verdict: &Verdict) {
-    let told = verdict.weak_required + verdict.doubted.len();
+    let told = verdict.weak_required.len() + verdict.doubted.len();
     let number = scene.number;
     assert!(verdict.holds() && told == 0, "{number}: {verdict:?}");
 }
@@ -48,6 +48,15 @@ fn what_failed_once_is_never_wrong_again() {
     for (scene, verdict) in verdicts(Scene::table_of_one_camera, [130, 179, 352]) {
         let unseen = verdict.wrong.len() + verdict.silent.len();
         assert_eq!(unseen, 0, "{}: {verdict:?}", scene.number);
+    }
+}
+
+/// The false pose of a plane without a base (6015), a third of two images' common dots wrong (6708), images that share enough with one
+/// other only (6285, 6320), two cameras of which nothing is told (6960).
+#[test]
+fn what_was_missed_once_is_oriented() {
+    for (scene, verdict) in verdicts(Scene::table, [6015, 6285, 6320, 6708, 6960]) {
+        assert!(verdict.holds(), "{}: {verdict:?}", scene.number);
     }
 }
 

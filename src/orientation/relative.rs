@@ -237,27 +237,37 @@ fn choose(
     };
     found.sort_by(|a, b| cost(a).total_cmp(&cost(b)));
     let agreeing = found.iter().map(|r| r.inlier_count).max().unwrap_or(0);
-    let Some(best) = found.first().filter(|r| r.inlier_count >= needed).cloned() else {
+    let Some(first) = found.first().filter(|r| r.inlier_count >= needed) else {
         return Err(RelativeError::NoConsensus {
             agreeing,
             given,
             needed,
         });
     };
-    if !(best.median_angle >= settings.least_angle) {
+    let nearly_as = |best: &RelativePose, r: &RelativePose| {
+        r.inlier_count as f64 >= 0.95 * best.inlier_count as f64 - 1.0
+            && r.rms_px.max(floor) <= settings.ambiguity * best.rms_px.max(floor)
+    };
+    // Of the two poses of a plane the false one may have (nearly) no base: a nominal lens can make it the better fit.
+    let with_base = |r: &&RelativePose| r.median_angle >= settings.least_angle;
+    let Some(best) = found
+        .iter()
+        .filter(|r| nearly_as(first, r))
+        .find(with_base)
+        .cloned()
+    else {
         return Err(RelativeError::NoBase {
-            median_angle: best.median_angle,
+            median_angle: first.median_angle,
         });
-    }
+    };
     let differs = |r: &RelativePose| {
         turn_between(&r.second, &best.second) > 0.02
             || (r.second.centre_in_world - best.second.centre_in_world).norm() > 0.05
     };
-    let nearly = |r: &RelativePose| {
-        r.inlier_count as f64 >= 0.95 * best.inlier_count as f64 - 1.0
-            && r.rms_px.max(floor) <= settings.ambiguity * best.rms_px.max(floor)
-    };
-    let alternative = found.iter().find(|r| differs(r) && nearly(r)).cloned();
+    let alternative = found
+        .iter()
+        .find(|r| differs(r) && nearly_as(&best, r))
+        .cloned();
     Ok(RelativeOrientation { best, alternative })
 }
 

@@ -14,6 +14,7 @@ use super::set_aside::{
     OF_OTHER_SHAPE, codes_set_aside, intersect_operators_points, operators_labels_not_used,
     set_code_aside,
 };
+use super::take_up::take_up_codes;
 use super::weak::{chance_orientations, chance_pair, weak_stations};
 use super::what_holds::adjust_what_holds;
 use super::{Halt, StageError};
@@ -87,11 +88,17 @@ pub(super) fn is_lost(network: &Network, stage: Stage) -> bool {
 }
 
 /// The adjustment of a stage. Codes are looked at where their coordinates have standard deviations: those of a network that was
-/// settled only get them here.
+/// settled only get them here. What was set aside before is looked at again after it: it may have been the lens.
 pub(super) fn run(network: &mut Network, stage: Stage, monitor: &Monitor) -> Result<(), Halt> {
     set_contradicted_codes_aside(network);
     adjust(network, stage, monitor)?;
-    if stage == Stage::AdjustCodes && set_contradicted_codes_aside(network) {
+    if stage != Stage::AdjustCodes {
+        return Ok(());
+    }
+    if take_up_codes(network) {
+        adjust(network, stage, monitor)?;
+    }
+    if set_contradicted_codes_aside(network) {
         adjust(network, stage, monitor)?;
     }
     Ok(())
@@ -259,7 +266,8 @@ pub(super) fn halt(failure: BundleFailure) -> Halt {
     }
 }
 
-/// Codes whose coordinates contradict the shape of a code are clusters of plain targets read as codes; whether there were any.
+/// Codes whose coordinates contradict the shape of a code are clusters of plain targets read as codes: they are set aside; whether
+/// there were any.
 fn set_contradicted_codes_aside(network: &mut Network) -> bool {
     let ids: Vec<ImageId> = network.images.keys().copied().collect();
     let contradicted = CodeShapes::of(network).contradicted(network);

@@ -6,7 +6,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use super::first_pair::{self, DOTS_FOR_A_PAIR};
+use super::first_pair;
+use super::pair::DOTS_FOR_A_PAIR;
 use super::{Halt, connect};
 use crate::monitor::Monitor;
 use crate::network::{Attempt, Code, ImageId, Network, PointId};

@@ -80,6 +80,23 @@ impl CodeShapes {
         contradicted
     }
 
+    /// Whether the places of a code have its shape, as well as the coordinates of the others are known.
+    pub(super) fn fits_as_well(&self, network: &Network, code: u32) -> bool {
+        let mut places = BTreeMap::new();
+        let mut variances = Vec::new();
+        for (&id, point) in network.points.iter() {
+            if id.code() == Some((Family::Dot420, code)) {
+                places.insert(id, point.position);
+            } else if let (Some(_), Some(covariance)) = (id.code(), &point.covariance) {
+                variances.push(covariance.trace() / 3.0);
+            }
+        }
+        variances.sort_by(f64::total_cmp);
+        let sigma = variances.get(variances.len() / 2).map_or(0.0, |v| v.sqrt());
+        shape(code, &places)
+            .is_some_and(|shape| self.accepts_within(&shape, SIGMAS * sigma / shape.pitch))
+    }
+
     fn accepts(&self, shape: &Shape) -> bool {
         self.accepts_within(shape, 0.0)
     }
@@ -93,6 +110,18 @@ impl CodeShapes {
         shape.misfit_pitches < SHAPE_TOLERANCE_PITCHES.max(off_pitches)
             && size < SIZE_TOLERANCE.max(off_pitches / 6.0)
     }
+}
+
+/// How far the `dot420` codes among these places are from their shape, in pitches each.
+pub(super) fn misfits(places: &BTreeMap<PointId, Vector3<f64>>) -> impl Iterator<Item = f64> {
+    let mut codes: BTreeMap<u32, BTreeMap<PointId, Vector3<f64>>> = BTreeMap::new();
+    for (id, place) in places {
+        if let Some((Family::Dot420, code)) = id.code() {
+            codes.entry(code).or_default().insert(*id, *place);
+        }
+    }
+    let codes = codes.into_iter();
+    codes.filter_map(|(code, places)| Some(shape(code, &places)?.misfit_pitches))
 }
 
 /// The outward normal of a `dot420` code: from the front, the turn from OA to OB is counter-clockwise.

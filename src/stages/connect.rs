@@ -12,7 +12,9 @@ use rayon::prelude::*;
 
 use super::bundle::{Bundle, DatumPoints, known_points, restore_rejected};
 use super::by_hand::{POINTS_BY_HAND, give_names};
+use super::by_pair;
 use super::lens::LensFreedom;
+use super::new_camera::{self, is_first_of_camera};
 use super::resection::{FoundPose, KnownRay, intersect_new_points, known_rays, misfits, resect};
 use super::scale::apply_frame;
 use super::set_aside::{OFF_ITS_PLACE, codes_set_aside, set_code_aside};
@@ -46,40 +48,49 @@ const SHARE_OF_GAIN: f64 = 0.1;
 ///
 /// Cost: labelled dots of all images that are not connected yet.
 pub(super) fn next(network: &Network) -> Option<Vec<ImageId>> {
-    wave(network, candidates(network))
+    wave(network, candidates(network)).or_else(|| by_one(network, |_| true))
 }
 
 /// Those of them that were tried before on the same inputs: after the connection has ended, an adjustment or a pass of
 /// identification may have made known what they need.
 pub(super) fn again(network: &Network) -> Option<Vec<ImageId>> {
-    let tried = |candidate: &Candidate| {
-        let attempt = network.images[&candidate.id].attempt.as_ref();
+    let tried = |id: ImageId| {
+        let attempt = network.images[&id].attempt.as_ref();
         attempt.is_some_and(|attempt| attempt.basis == network.inputs)
     };
     let mut candidates = candidates(network);
-    candidates.retain(tried);
-    wave(network, candidates)
+    candidates.retain(|candidate| tried(candidate.id));
+    wave(network, candidates).or_else(|| by_one(network, tried))
+}
+
+/// An image that shows too few known points, but shares codes enough with one oriented image. Such a one comes next only where no
+/// image can be connected by what several show.
+///
+/// Cost: labels of all oriented images for each one that waits.
+fn by_one(network: &Network, which: impl Fn(ImageId) -> bool) -> Option<Vec<ImageId>> {
+    let image = waiting(network)
+        .filter(|(id, _)| which(*id))
+        .find(|(_, image)| {
+            let known = known_points(network, image);
+            !is_enough(network, image, known)
+                && Turn::of(network, image, known).is_some()
+                && !by_pair::partners(network, image).is_empty()
+        });
+    image.map(|(id, _)| vec![id])
+}
+
+/// Images with targets that are not oriented.
+fn waiting(network: &Network) -> impl Iterator<Item = (ImageId, &ImageEntry)> {
+    network
+        .used_images()
+        .filter(|(_, image)| image.station.is_none() && image.detections.is_some())
 }
 
 fn candidates(network: &Network) -> Vec<Candidate> {
-    let oriented = network.oriented_images().count();
-    let knowledge = network.knowledge();
-    let turn = |image: &ImageEntry, known: usize| {
-        let tried = image.attempt.as_ref().filter(|a| a.basis == network.inputs);
-        match tried {
-            Some(attempt) if known <= attempt.known_points => (oriented > attempt.oriented
-                || knowledge > attempt.knowledge)
-                .then_some(Turn::Again),
-            _ => Some(Turn::New),
-        }
-    };
-    let waiting = network
-        .used_images()
-        .filter(|(_, image)| image.station.is_none() && image.detections.is_some());
-    waiting
+    waiting(network)
         .filter_map(|(id, image)| {
             let prospect = Prospect::of(network, image);
-            let turn = turn(image, prospect.known)?;
+            let turn = Turn::of(network, image, prospect.known)?;
             is_enough(network, image, prospect.known).then_some(Candidate {
                 turn,
                 gain: prospect.gain(),
@@ -100,8 +111,14 @@ fn wave(network: &Network, mut candidates: Vec<Candidate>) -> Option<Vec<ImageId
         0..IMAGES_FOR_WAVES => 1,
         oriented => (WAVE_SHARE * oriented as f64) as usize,
     };
+    // The principal distance of a camera of which nothing is known is told by its first image.
+    let is_alone = |candidate: &Candidate| is_first_of_camera(network, candidate.id);
+    if is_alone(first) {
+        return Some(vec![first.id]);
+    }
     let wave = candidates.iter().take(most);
     let wave = wave.take_while(|c| c.turn == turn && c.gain >= least);
+    let wave = wave.filter(|candidate| !is_alone(candidate));
     Some(wave.map(|candidate| candidate.id).collect())
 }
 
@@ -152,6 +169,21 @@ impl Prospect {
 enum Turn {
     New,
     Again,
+}
+
+impl Turn {
+    /// `None` where the image was tried with all that is known now.
+    fn of(network: &Network, image: &ImageEntry, known: usize) -> Option<Self> {
+        let tried = image.attempt.as_ref().filter(|a| a.basis == network.inputs);
+        match tried {
+            Some(attempt) if known <= attempt.known_points => {
+                let oriented = network.oriented_images().count();
+                (oriented > attempt.oriented || network.knowledge() > attempt.knowledge)
+                    .then_some(Turn::Again)
+            }
+            _ => Some(Turn::New),
+        }
+    }
 }
 
 /// Whether an image with so many known points can be oriented.
@@ -221,15 +253,33 @@ struct Resected {
     id: ImageId,
     rays: Vec<KnownRay>,
     found: Result<FoundPose, String>,
+    /// What the resection found for a camera of which nothing was known, mm.
+    distance: Option<f64>,
 }
 
 impl Resected {
     fn of(network: &Network, id: ImageId) -> Self {
         let rays = known_rays(network, id);
+        if is_first_of_camera(network, id)
+            && let Some((distance, found)) = new_camera::orient(network, id, &rays)
+        {
+            return Self {
+                id,
+                rays,
+                found: Ok(found),
+                distance: Some(distance),
+            };
+        }
+        let found = if rays.len() < POINTS_BY_HAND {
+            Err(too_few(rays.len()))
+        } else {
+            resect(network, id, &rays)
+        };
         Self {
             id,
-            found: resect(network, id, &rays),
+            found: found.or_else(|reason| by_pair::orient(network, id, &rays).ok_or(reason)),
             rays,
+            distance: None,
         }
     }
 
@@ -241,6 +291,9 @@ impl Resected {
                 false
             }
             Ok(found) => {
+                if let Some(distance) = self.distance {
+                    new_camera::set_distance(network, self.id, distance);
+                }
                 settle_misfits(network, self.id, &self.rays, &found.misfits, open);
                 let image = network.image_mut(self.id);
                 image.station = Some(Station {
@@ -363,6 +416,13 @@ fn mostly_missing(rays: &[KnownRay], misfits: &[usize]) -> Vec<Code> {
         .collect()
 }
 
+/// Why an image with so many known points is not tried.
+fn too_few(known: usize) -> String {
+    format!(
+        "it shows {known} known points, {POINTS_TO_CONNECT} are needed, or {POINTS_BY_HAND} that you label"
+    )
+}
+
 /// Forgets what was told of images that are connected meanwhile.
 pub(super) fn settle_findings(network: &mut Network) {
     let images = Arc::clone(&network.images);
@@ -384,12 +444,7 @@ pub(super) fn findings(network: &Network) -> Vec<Finding> {
         .filter(|(_, image)| image.station.is_none() && image.unreadable.is_none())
         .map(|(id, image)| {
             let reason = image.attempt.as_ref().map_or_else(
-                || {
-                    let known = known_points(network, image);
-                    format!(
-                        "it shows {known} known points, {POINTS_TO_CONNECT} are needed, or {POINTS_BY_HAND} that you label"
-                    )
-                },
+                || too_few(known_points(network, image)),
                 |attempt| attempt.reason.clone(),
             );
             Finding {

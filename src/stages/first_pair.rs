@@ -9,36 +9,23 @@ use rayon::prelude::*;
 use super::connect::update;
 use super::device::{DeviceView, device_views, label_device};
 use super::distance_search;
+use super::pair::{CommonPair, DOTS_FOR_A_PAIR, common_dots};
 use super::resection::intersect_new_points;
 use super::scale::apply_frame;
 use super::{Halt, StageError};
-use crate::camera::Camera;
 use crate::geometry::Pose;
 use crate::monitor::Monitor;
 use crate::network::{
     About, Finding, FindingKind, ImageEntry, ImageId, InteriorSource, Network, Point, PointId,
     Stage, Station,
 };
-use crate::orientation::relative::{
-    PixelPair, RelativePose, RelativeSettings, relative_orientation,
-};
-use crate::targets::DotIndex;
-
-/// Fewest common labelled dots from which two images are oriented to each other.
-pub(super) const DOTS_FOR_A_PAIR: usize = 8;
+use crate::orientation::relative::RelativePose;
 
 /// Pairs of images that are tried for a relative orientation: those with most common dots.
 const PAIRS_TO_ORIENT: usize = 24;
 
 /// Pairs that are built into a network before the stage gives up.
 const PAIRS_TO_BUILD: usize = 12;
-
-/// How far a dot may lie from its place by the relative orientation, px; the next one is tried where fewer than
-/// [`SHARE_TO_AGREE`] of the dots agree: a nominal lens is off by tens of pixels in the corners.
-const TOLERANCES_PX: [f64; 4] = [2.0, 5.0, 12.0, 25.0];
-
-/// Share of the common dots that must agree.
-const SHARE_TO_AGREE: f64 = 0.7;
 
 /// Angle between the rays beyond which more is no gain, radians (35 degrees).
 const ANGLE_ENOUGH: f64 = 0.6;
@@ -267,12 +254,6 @@ fn sort_by_score(starts: &mut [Start]) {
     starts.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.images.cmp(&b.images)));
 }
 
-/// Two images and the dots that carry the same label.
-struct CommonPair {
-    images: [ImageId; 2],
-    dots: Vec<[DotIndex; 2]>,
-}
-
 /// The pairs of images with most common dots, so many at most, the best first.
 ///
 /// Cost: points times the squared number of images that show each.
@@ -303,49 +284,13 @@ fn pairs_by_common_dots(network: &Network, most: usize) -> Vec<CommonPair> {
         .collect();
     pairs.sort_by_key(|(count, pair)| (std::cmp::Reverse(*count), pair.map(|i| images[i].0)));
     pairs.truncate(most);
-    let pair = |(_, [first, second]): (u32, [usize; 2])| CommonPair {
-        images: [images[first].0, images[second].0],
-        dots: common_dots(images[first].1, images[second].1),
-    };
+    let pair =
+        |(_, pair): (u32, [usize; 2])| CommonPair::of(network, pair.map(|index| images[index].0));
     pairs.into_iter().map(pair).collect()
 }
 
-fn common_dots(first: &ImageEntry, second: &ImageEntry) -> Vec<[DotIndex; 2]> {
-    let in_second: BTreeMap<PointId, DotIndex> = second
-        .used_labels()
-        .map(|(dot, l)| (l.point, dot))
-        .collect();
-    first
-        .used_labels()
-        .filter_map(|(dot, l)| Some([dot, *in_second.get(&l.point)?]))
-        .collect()
-}
-
-/// The relative orientations of a pair at the tightest tolerance at which most dots agree; on flat scenes there may be
-/// two, of which the network decides.
+/// The relative orientations of a pair; on flat scenes there may be two, of which the network decides.
 fn orient_pair(network: &Network, pair: &CommonPair) -> Vec<Start> {
-    let entries = pair.images.map(|id| &network.images[&id]);
-    let [Some(first), Some(second)] = entries.map(|entry| entry.detections.as_ref()) else {
-        return Vec::new();
-    };
-    let cameras: [&Camera; 2] = entries.map(|entry| &network.camera_of(entry).camera);
-    let pixels: Vec<PixelPair> = pair
-        .dots
-        .iter()
-        .map(|dots| PixelPair {
-            first: first.dots[dots[0].slot()].centre_px,
-            second: second.dots[dots[1].slot()].centre_px,
-        })
-        .collect();
-    let found = TOLERANCES_PX.iter().find_map(|&tolerance_px| {
-        let settings = RelativeSettings {
-            tolerance_px,
-            seed: network.settings.seed,
-            ..RelativeSettings::default()
-        };
-        let found = relative_orientation(cameras, &pixels, &settings).ok()?;
-        (found.best.inlier_count as f64 >= SHARE_TO_AGREE * pixels.len() as f64).then_some(found)
-    });
     let start = |pose: RelativePose| Start {
         images: pair.images,
         poses: [
@@ -358,7 +303,7 @@ fn orient_pair(network: &Network, pair: &CommonPair) -> Vec<Start> {
         score: pose.inlier_count as f64 * (pose.median_angle / ANGLE_ENOUGH).min(1.0)
             / (1.0 + pose.rms_px),
     };
-    found
+    pair.oriented(network)
         .into_iter()
         .flat_map(|found| std::iter::once(found.best).chain(found.alternative))
         .map(start)

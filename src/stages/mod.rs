@@ -12,6 +12,9 @@ mod block_tests;
 mod blocks;
 mod bundle;
 mod by_hand;
+mod by_pair;
+#[cfg(test)]
+mod by_pair_tests;
 mod chance;
 #[cfg(test)]
 mod circle_tests;
@@ -27,9 +30,12 @@ mod frame_tests;
 mod gross;
 mod identify;
 mod lens;
+mod new_camera;
+mod pair;
 mod resection;
 mod scale;
 mod set_aside;
+mod take_up;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]

@@ -133,13 +133,8 @@ fn from_confirmed(
     rays: &[KnownRay],
     confirmed: Confirmed,
 ) -> FoundPose {
-    let camera = &network.camera_of(&network.images[&id]).camera;
-    let limit = lens_limit(network, MISFIT_PX);
-    let misses = |index: &usize| {
-        residual_px(camera, &confirmed.pose, &rays[*index].observation).is_none_or(|r| r > limit)
-    };
     FoundPose {
-        misfits: (0..rays.len()).filter(misses).collect(),
+        misfits: misfits_under(network, id, &confirmed.pose, rays),
         pose: confirmed.pose,
         named: confirmed.named,
     }
@@ -201,16 +196,25 @@ fn resect_from_all(network: &Network, id: ImageId, rays: &[KnownRay]) -> Result<
 
 /// The known rays (by their places) that miss the image's orientation by far.
 pub(super) fn misfits(network: &Network, id: ImageId, rays: &[KnownRay]) -> Vec<usize> {
-    let image = &network.images[&id];
-    let camera = &network.camera_of(image).camera;
+    match &network.images[&id].station {
+        Some(station) => misfits_under(network, id, &station.pose, rays),
+        None => (0..rays.len()).collect(),
+    }
+}
+
+/// The known rays (by their places) that miss an orientation of their image by far.
+pub(super) fn misfits_under(
+    network: &Network,
+    id: ImageId,
+    pose: &Pose,
+    rays: &[KnownRay],
+) -> Vec<usize> {
+    let camera = &network.camera_of(&network.images[&id]).camera;
     let limit = lens_limit(network, MISFIT_PX);
-    let near = |ray: &KnownRay| {
-        let pose = image.station.as_ref().map(|station| &station.pose)?;
-        residual_px(camera, pose, &ray.observation).filter(|residual| *residual <= limit)
+    let misses = |index: &usize| {
+        residual_px(camera, pose, &rays[*index].observation).is_none_or(|miss| miss > limit)
     };
-    (0..rays.len())
-        .filter(|&index| near(&rays[index]).is_none())
-        .collect()
+    (0..rays.len()).filter(misses).collect()
 }
 
 /// The pose that most points agree on; where two do as well, the one that the dots without a name speak for.

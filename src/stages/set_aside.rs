@@ -3,7 +3,9 @@
 use std::sync::Arc;
 
 use super::resection::intersect_new_points;
-use crate::network::{About, Finding, FindingKind, ImageEntry, Network, Source, Stage};
+use crate::network::{
+    About, Finding, FindingKind, ImageEntry, Label, Network, PointId, Source, Stage,
+};
 use crate::targets::{CodeReading, Family};
 
 /// A resection contradicts the reading.
@@ -31,6 +33,34 @@ pub(super) fn set_code_aside(image: &mut ImageEntry, family: Family, code: u32, 
     Arc::make_mut(&mut image.labels).retain(|_, label| {
         label.point.code() != Some((family, code)) || label.source == Source::Operator
     });
+}
+
+/// The readings of an image that a stage after detection set aside, by their places.
+pub(super) fn readings_aside(image: &ImageEntry) -> Vec<usize> {
+    let by_network = |reason: &str| [OFF_ITS_PLACE, OF_OTHER_SHAPE].contains(&reason);
+    let aside = image.set_aside.iter();
+    aside
+        .filter(|(_, reason)| by_network(reason))
+        .map(|(place, _)| *place)
+        .collect()
+}
+
+/// Gives the dots of a reading that was set aside their names back, those that have no other now.
+pub(super) fn take_reading_up(image: &mut ImageEntry, place: usize) {
+    let Some(detections) = image.detections.clone() else {
+        return;
+    };
+    let reading = &detections.codes[place];
+    let labels = Arc::make_mut(&mut image.labels);
+    let points = PointId::of_code(reading.family, reading.id);
+    for (dot, point) in reading.dots.iter().zip(points) {
+        labels.entry(*dot).or_insert(Label {
+            point,
+            source: Source::Automatic,
+            rejected: None,
+        });
+    }
+    Arc::make_mut(&mut image.set_aside).remove(&place);
 }
 
 /// Names given by the operator that this adjustment did not use: they stay, and the operator reads why they do not help.

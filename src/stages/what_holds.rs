@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::bundle::{Bundle, BundleFailure, known_points};
+use super::set_aside::{readings_aside, take_reading_up};
 use crate::adjustment::{
     AdjustmentError, BundleSettings, RejectionSettings, RobustAdjustment, Settled,
     adjust_with_rejection, settle,
@@ -76,5 +77,9 @@ fn set_image_aside(network: &mut Network, id: ImageId, found: usize) {
     let image = network.image_mut(id);
     image.station = None;
     image.attempt = Some(attempt);
+    // It was the orientation that judged them.
+    for place in readings_aside(image) {
+        take_reading_up(image, place);
+    }
     Arc::make_mut(&mut network.connection_order).retain(|other| *other != id);
 }

@@ -58,8 +58,9 @@ pub(super) fn read_ring(view: &View, dot: &MeasuredDot, segments: &[u8]) -> Ring
     if segments.is_empty() || !may_be_ring(view, dot, &frame) {
         return RingOutcome::Plain;
     }
-    best_fits(view, dot, frame, segments)
-        .map_or(RingOutcome::Plain, |(patch, fits)| decide(&patch, &fits))
+    best_fits(view, dot, frame, segments).map_or(RingOutcome::Plain, |(patch, fits)| {
+        decide(&patch, dot, &fits)
+    })
 }
 
 /// The fits of every number of segments, the best first; `None` where there is no ring.
@@ -131,7 +132,7 @@ fn fit_of(
     best
 }
 
-fn decide(patch: &Patch, fits: &[Fitted]) -> RingOutcome {
+fn decide(patch: &Patch, dot: &MeasuredDot, fits: &[Fitted]) -> RingOutcome {
     let [best, others @ ..] = fits else {
         return RingOutcome::Plain;
     };
@@ -176,7 +177,7 @@ fn decide(patch: &Patch, fits: &[Fitted]) -> RingOutcome {
         segments,
         id,
         misfit: misfit(best),
-        doubt: doubt(best, rival, &found, &evidence),
+        doubt: doubt(dot.dot.major_px, best, rival, &found, &evidence),
         evidence,
         frame: best.scene.frame.back_from(patch.corner, patch.step),
     })
@@ -193,12 +194,17 @@ fn misfit(fit: &Fitted) -> f64 {
     (squares / fit.shares.len() as f64).sqrt()
 }
 
+/// `across_px` is the longer axis of the dot.
 fn doubt(
+    across_px: f64,
     best: &Fitted,
     rival: Option<&Fitted>,
     found: &RingEvidence,
     evidence: &CodeEvidence,
 ) -> Option<String> {
+    /// The ring is half as wide as its dot, and two or three of its segments are no longer than wide: where that is less than a few
+    /// blurs, they look like dots and dots like them.
+    const LEAST_DOT_PX: f64 = 5.0;
     /// A segment must be this clearly light or dark: the difference between the two is 1.
     const LEAST_MARGIN: f64 = 0.36;
     /// Largest difference from the picture of its number that nothing speaks against, as a share of the contrast.
@@ -208,6 +214,11 @@ fn doubt(
     const LARGEST_GROUND_SLOPE: f64 = 0.08;
     if let Some(rival) = rival {
         return Some(format!("reads as ring{} as well", rival.segments()));
+    }
+    if across_px < LEAST_DOT_PX {
+        return Some(format!(
+            "its dot is {across_px:.1} px across: other dots beside one so small look like segments"
+        ));
     }
     if evidence.margin.is_some_and(|margin| margin < LEAST_MARGIN) {
         return Some("a segment is neither light nor dark: partly covered?".into());

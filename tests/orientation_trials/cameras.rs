@@ -12,6 +12,15 @@ use super::recipe::{Recipe, Told};
 /// Images that tell a principal distance of which nothing is known.
 const IMAGES_TO_SEARCH: usize = 4;
 
+/// The corner of a picture of three to two, as a share of its half width.
+const CORNER_OF_HALF_WIDTH: f64 = 1.2;
+
+/// Farthest that the principal point is from the middle, in either direction, mm.
+pub(crate) const PRINCIPAL_POINT_MM: f64 = 0.15;
+
+/// Least and most distortion of the first order in the corner, as a share of the radius.
+pub(crate) const RADIAL_SHARES: [f64; 2] = [-0.010, 0.004];
+
 /// How a picture is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Grip {
@@ -110,14 +119,14 @@ fn true_camera(random: &mut ChaCha8Rng) -> Camera {
     let (width, height) = (3072, 2048);
     let half_width = 0.5 * f64::from(width) * pitch;
     let c = half_width * random.random_range(1.3..2.6);
-    let corner = half_width * 1.2;
-    // Barrel distortion up to one per cent of the radius in the corner.
-    let radial = random.random_range(-0.010..0.004) / corner.powi(2);
+    let [barrel, cushion] = RADIAL_SHARES;
+    let corner = half_width * CORNER_OF_HALF_WIDTH;
+    let radial = random.random_range(barrel..cushion) / corner.powi(2);
     let mut interior = InteriorOrientation::pinhole(c);
     interior.radial = [radial, -0.1 * radial / corner.powi(2), 0.0];
     interior.principal_point = [
-        random.random_range(-0.15..0.15),
-        random.random_range(-0.15..0.15),
+        random.random_range(-PRINCIPAL_POINT_MM..PRINCIPAL_POINT_MM),
+        random.random_range(-PRINCIPAL_POINT_MM..PRINCIPAL_POINT_MM),
     ];
     Camera {
         width_px: width,
@@ -125,6 +134,12 @@ fn true_camera(random: &mut ChaCha8Rng) -> Camera {
         pixel_pitch_mm: pitch,
         interior,
     }
+}
+
+/// Where the distortion is stated, mm from the middle.
+pub(crate) fn corner_mm(camera: &Camera) -> f64 {
+    let width = camera.width_px.max(camera.height_px);
+    0.5 * f64::from(width) * camera.pixel_pitch_mm * CORNER_OF_HALF_WIDTH
 }
 
 /// The camera of files that are turned by a quarter counter-clockwise.

@@ -9,7 +9,7 @@ use rand::seq::SliceRandom as _;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use tiepoint::camera::Camera;
-use tiepoint::geometry::Pose;
+use tiepoint::geometry::{Circle, Pose};
 use tiepoint::network::{
     CameraId, Code, DevicePoint, ImageEntry, ImageFile, ImageId, InteriorSource, Network, PointId,
 };
@@ -35,8 +35,10 @@ pub(crate) struct Scene {
     pub(crate) network: Network,
     pub(crate) poses: BTreeMap<ImageId, Pose>,
     pub(crate) points: BTreeMap<PointId, Vector3<f64>>,
-    /// Of the true cameras, mm.
-    pub(crate) principal_distances: BTreeMap<CameraId, f64>,
+    /// The edges of the points' targets.
+    pub(crate) circles: BTreeMap<PointId, Circle>,
+    /// As they are in truth.
+    pub(crate) cameras: BTreeMap<CameraId, Camera>,
     pub(crate) shown: BTreeMap<ImageId, Shown>,
 }
 
@@ -151,10 +153,11 @@ impl Scene {
         world.codes_moved(false);
         Self {
             number,
-            principal_distances: shots
+            cameras: shots
                 .iter()
-                .map(|shot| (shot.camera_id, shot.camera.interior.principal_distance))
+                .map(|shot| (shot.camera_id, shot.camera.clone()))
                 .collect(),
+            circles: world.circles(&recipe),
             points: world.points(&recipe),
             recipe,
             network,

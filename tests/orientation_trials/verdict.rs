@@ -1,5 +1,6 @@
 //! What became of a random measurement.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3};
@@ -11,6 +12,7 @@ use tiepoint::network::{
 };
 use tiepoint::stages::{Advance, Halt, Pictures};
 
+use super::bound::Known;
 use super::scene::Scene;
 
 /// A station is right within so many predicted standard deviations and within this distance.
@@ -59,8 +61,8 @@ pub(crate) struct Verdict {
     pub(crate) doubted: Vec<ImageId>,
     /// Within the predicted standard deviations, which are large, and told to be doubtful.
     pub(crate) weak: Vec<ImageId>,
-    /// How many of those are required.
-    pub(crate) weak_required: usize,
+    /// Those of them that are required.
+    pub(crate) weak_required: Vec<ImageId>,
     /// Left out without a reason.
     pub(crate) silent: Vec<ImageId>,
 }
@@ -99,7 +101,9 @@ impl Verdict {
             }
             if off <= SIGMAS * sigma && is_doubted(network, *id) {
                 verdict.weak.push(*id);
-                verdict.weak_required += usize::from(required.contains(id));
+                if required.contains(id) {
+                    verdict.weak_required.push(*id);
+                }
                 continue;
             }
             if required.contains(id) {
@@ -120,14 +124,30 @@ impl Verdict {
 }
 
 /// How far the stations are from the truth after the best fit, mm.
-pub(crate) fn station_errors(scene: &Scene, network: &Network) -> Vec<f64> {
+pub(crate) fn station_errors(scene: &Scene, network: &Network) -> BTreeMap<ImageId, f64> {
     let Some(fit) = fit(scene, network) else {
-        return Vec::new();
+        return BTreeMap::new();
     };
     let error = |(id, _, station): (ImageId, &ImageEntry, &Station)| {
-        (fit.apply(&station.pose.centre_in_world) - scene.poses[&id].centre_in_world).norm()
+        let off = fit.apply(&station.pose.centre_in_world) - scene.poses[&id].centre_in_world;
+        (id, off.norm())
     };
     network.oriented_images().map(error).collect()
+}
+
+/// The images that the best estimate from their observations orients no better than a verdict allows.
+pub(crate) fn beyond_observations(scene: &Scene, known: Known) -> BTreeSet<ImageId> {
+    let at_best = scene.at_best(known);
+    let errors = at_best.map(|network| station_errors(scene, &network));
+    let right = |id: &ImageId| {
+        let error = errors.as_ref().and_then(|errors| errors.get(id));
+        error.is_some_and(|error| *error <= LARGEST_MM)
+    };
+    scene
+        .required()
+        .into_iter()
+        .filter(|id| !right(id))
+        .collect()
 }
 
 fn about(network: &Network, id: ImageId) -> impl Iterator<Item = &Finding> {

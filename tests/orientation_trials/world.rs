@@ -7,6 +7,7 @@ use nalgebra::{Rotation3, Vector2, Vector3};
 use rand::RngExt as _;
 use rand::seq::SliceRandom as _;
 use rand_chacha::ChaCha8Rng;
+use tiepoint::geometry::Circle;
 use tiepoint::network::PointId;
 use tiepoint::synthetic::default_cross;
 use tiepoint::targets::{DOT420_AXES, Family, dot420_table};
@@ -160,5 +161,19 @@ impl World {
             );
         }
         points
+    }
+
+    /// The edges of the targets: codes as they are placed, the cross level.
+    pub(crate) fn circles(&self, recipe: &Recipe) -> BTreeMap<PointId, Circle> {
+        let of = |normal| Circle {
+            normal,
+            radius_mm: 0.5 * self.pitch_mm,
+        };
+        let cross = self.cross.iter().map(|(id, _)| (*id, of(Vector3::z())));
+        let codes = self.codes.iter().flat_map(|code| {
+            let names = PointId::of_code(recipe.family, code.id);
+            names.into_iter().map(move |name| (name, of(code.axes[2])))
+        });
+        cross.chain(codes).collect()
     }
 }
