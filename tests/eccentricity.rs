@@ -1,7 +1,7 @@
 //! Large dots in a rendered picture: detection measures the centre of the circle's image, bent by the lens.
 
 use nalgebra::{Rotation3, Vector2, Vector3};
-use tiepoint::camera::{Camera, InteriorOrientation};
+use tiepoint::camera::{Camera, InteriorOrientation, LensDirection};
 use tiepoint::geometry::{Circle, Pose};
 use tiepoint::imaging::{BitDepth, GreyImage};
 use tiepoint::synthetic::{Disc, Finish, Placement, RenderSettings, Scene, render};
@@ -18,6 +18,7 @@ fn camera() -> Camera {
             radial: [1.5e-4, -4e-7, 2e-10],
             tangential: [1e-5, -2e-5],
             affinity: [0.0; 2],
+            direction: LensDirection::Correcting,
         },
     }
 }

@@ -4,8 +4,8 @@ use nalgebra::{Matrix3, RowVector3, SMatrix, Vector2, Vector3};
 use rayon::prelude::*;
 
 use super::layout::Layout;
-use super::{Adjustment, BundleProblem};
-use crate::camera::Camera;
+use super::{Adjustment, BundleProblem, ImageObservation, ResidualPlane};
+use crate::camera::{Camera, Projection};
 use crate::geometry::{Circle, Pose, skew};
 
 /// The values of all unknowns (and of what is kept fixed).
@@ -58,46 +58,79 @@ pub(super) struct RayEquation {
     pub(super) by_point: SMatrix<f64, 2, 3>,
 }
 
-/// `None` where the camera does not image the point or its circle.
-pub(super) fn ray_equation(
-    camera: &Camera,
-    pose: &Pose,
-    point: &Vector3<f64>,
-    circle: Option<&Circle>,
-    pixel: &Vector2<f64>,
-) -> Option<RayEquation> {
-    let in_camera = pose.camera_from_point(point);
-    let projection = camera.project_with_jacobians(&in_camera)?;
-    let image = match circle {
-        None => projection.pixel,
-        Some(_) => camera.image_of_target(pose, point, circle)?,
-    };
-    // k = M (X - X0) and exp([w]) k = k + w x k, so dk/dw = -[k]x, dk/dX0 = -M, dk/dX = M.
-    let m: &Matrix3<f64> = pose.camera_from_world.matrix();
-    let by_point = projection.by_point * m;
-    let mut by_station = SMatrix::<f64, 2, 6>::zeros();
-    by_station
-        .fixed_columns_mut::<3>(0)
-        .copy_from(&(-projection.by_point * skew(&in_camera)));
-    by_station.fixed_columns_mut::<3>(3).copy_from(&-by_point);
-    Some(RayEquation {
-        residual: image - pixel,
-        eccentricity: projection.pixel - image,
-        by_station,
-        by_camera: projection.by_interior,
-        by_point,
-    })
+/// What an image observation is computed from.
+pub(super) struct Sight<'a> {
+    pub(super) camera: &'a Camera,
+    pub(super) pose: &'a Pose,
+    pub(super) point: &'a Vector3<f64>,
+    pub(super) circle: Option<&'a Circle>,
+    pub(super) pixel: &'a Vector2<f64>,
+    pub(super) plane: ResidualPlane,
 }
 
-/// The residual alone.
-pub(super) fn ray_residual(
-    camera: &Camera,
-    pose: &Pose,
-    point: &Vector3<f64>,
-    circle: Option<&Circle>,
-    pixel: &Vector2<f64>,
-) -> Option<Vector2<f64>> {
-    Some(camera.image_of_target(pose, point, circle)? - pixel)
+impl<'a> Sight<'a> {
+    fn of(problem: &'a BundleProblem, state: &'a State, observation: &'a ImageObservation) -> Self {
+        let station = &problem.stations[observation.station];
+        Self {
+            camera: &state.cameras[station.camera],
+            pose: &state.poses[observation.station],
+            point: &state.points[observation.point],
+            circle: state.circles[observation.point].as_ref(),
+            pixel: &observation.pixel,
+            plane: problem.residuals,
+        }
+    }
+
+    /// `None` where the camera does not image the point or its circle.
+    fn equation(&self) -> Option<RayEquation> {
+        let in_camera = self.pose.camera_from_point(self.point);
+        // Less what is measured, in the plane of the residuals.
+        let projection = match self.plane {
+            ResidualPlane::Measured => {
+                let projection = self.camera.project_with_jacobians(&in_camera)?;
+                Projection {
+                    pixel: projection.pixel - self.pixel,
+                    ..projection
+                }
+            }
+            ResidualPlane::Corrected => self.camera.corrected_difference(&in_camera, self.pixel)?,
+        };
+        let eccentricity = match self.circle {
+            None => Vector2::zeros(),
+            Some(_) => projection.pixel - self.residual()?,
+        };
+        // k = M (X - X0) and exp([w]) k = k + w x k, so dk/dw = -[k]x, dk/dX0 = -M, dk/dX = M.
+        let m: &Matrix3<f64> = self.pose.camera_from_world.matrix();
+        let by_point = projection.by_point * m;
+        let mut by_station = SMatrix::<f64, 2, 6>::zeros();
+        by_station
+            .fixed_columns_mut::<3>(0)
+            .copy_from(&(-projection.by_point * skew(&in_camera)));
+        by_station.fixed_columns_mut::<3>(3).copy_from(&-by_point);
+        Some(RayEquation {
+            residual: projection.pixel - eccentricity,
+            eccentricity,
+            by_station,
+            by_camera: projection.by_interior,
+            by_point,
+        })
+    }
+
+    /// The residual alone.
+    fn residual(&self) -> Option<Vector2<f64>> {
+        let image = self
+            .camera
+            .image_of_target(self.pose, self.point, self.circle)?;
+        Some(match self.plane {
+            ResidualPlane::Measured => image - self.pixel,
+            ResidualPlane::Corrected => {
+                let [image, measured] =
+                    [&image, self.pixel].map(|px| self.camera.ideal_from_pixel(px));
+                let off = (image - measured) / self.camera.pixel_pitch_mm;
+                Vector2::new(off.x, -off.y)
+            }
+        })
+    }
 }
 
 /// A distance at the present state: residual (mm) and derivative by the far end; that by the near end is its negative.
@@ -138,16 +171,8 @@ impl Equations {
             .par_iter()
             .with_min_len(64)
             .map(|o| {
-                let station = &problem.stations[o.station];
-                layout.takes_part(o.point).then(|| {
-                    ray_equation(
-                        &state.cameras[station.camera],
-                        &state.poses[o.station],
-                        &state.points[o.point],
-                        state.circles[o.point].as_ref(),
-                        &o.pixel,
-                    )
-                })?
+                let takes_part = layout.takes_part(o.point);
+                takes_part.then(|| Sight::of(problem, state, o).equation())?
             })
             .collect();
         let distances = problem
@@ -178,13 +203,13 @@ pub(super) fn trial_residuals(
         .zip(&equations.rays)
         .with_min_len(64)
         .map(|(o, equation)| {
-            let station = &problem.stations[o.station];
             let eccentricity = equation.as_ref()?.eccentricity;
-            let (camera, pose) = (&state.cameras[station.camera], &state.poses[o.station]);
-            layout.takes_part(o.point).then(|| {
-                let image = ray_residual(camera, pose, &state.points[o.point], None, &o.pixel)?;
-                Some(image - eccentricity)
-            })?
+            let sight = Sight {
+                circle: None,
+                ..Sight::of(problem, state, o)
+            };
+            let takes_part = layout.takes_part(o.point);
+            takes_part.then(|| Some(sight.residual()? - eccentricity))?
         })
         .collect()
 }
@@ -200,16 +225,8 @@ pub(super) fn image_residuals(
         .par_iter()
         .with_min_len(64)
         .map(|o| {
-            let station = &problem.stations[o.station];
-            layout.takes_part(o.point).then(|| {
-                ray_residual(
-                    &state.cameras[station.camera],
-                    &state.poses[o.station],
-                    &state.points[o.point],
-                    state.circles[o.point].as_ref(),
-                    &o.pixel,
-                )
-            })?
+            let takes_part = layout.takes_part(o.point);
+            takes_part.then(|| Sight::of(problem, state, o).residual())?
         })
         .collect()
 }
@@ -217,6 +234,7 @@ pub(super) fn image_residuals(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera::LensDirection;
     use crate::camera::fixture::wide_angle_camera;
     use nalgebra::SVector;
     use proptest::prelude::*;
@@ -227,12 +245,16 @@ mod tests {
 
     proptest! {
         #[test]
-        fn derivatives_of_a_ray_agree_with_differences(point in vector(150.0), aside in vector(300.0), roll in -3.0..3.0) {
-            let camera = wide_angle_camera();
+        fn derivatives_of_a_ray_agree_with_differences(displacing in any::<bool>(), corrected in any::<bool>(), point in vector(150.0), aside in vector(300.0), roll in -3.0..3.0) {
+            let mut camera = wide_angle_camera();
+            if displacing {
+                camera.interior.direction = LensDirection::Displacing { balanced_radius_mm: 9.0 };
+            }
+            let plane = if corrected { ResidualPlane::Corrected } else { ResidualPlane::Measured };
             let pose = Pose::looking_at(Vector3::new(200.0, -300.0, 1000.0) + aside, Vector3::zeros(), Vector3::y(), roll);
             let pixel = Vector2::new(1000.0, 900.0);
-            let at = |camera: &Camera, pose: &Pose, point: &Vector3<f64>| ray_residual(camera, pose, point, None, &pixel).unwrap();
-            let equation = ray_equation(&camera, &pose, &point, None, &pixel).unwrap();
+            let at = |camera: &Camera, pose: &Pose, point: &Vector3<f64>| Sight { camera, pose, point, circle: None, pixel: &pixel, plane }.residual().unwrap();
+            let equation = Sight { camera: &camera, pose: &pose, point: &point, circle: None, pixel: &pixel, plane }.equation().unwrap();
             prop_assert!((equation.residual - at(&camera, &pose, &point)).norm() < 1e-12);
             for axis in 0..3 {
                 let step = |h: f64| { let mut s = Vector3::zeros(); s[axis] = h; s };
@@ -251,7 +273,7 @@ mod tests {
                     let mut step = SVector::<f64, 10>::zeros();
                     step[parameter] = h;
                     let mut camera = camera.clone();
-                    camera.interior = crate::camera::InteriorOrientation::from_vector(&(camera.interior.to_vector() + step));
+                    camera.interior = camera.interior.with_values(&(camera.interior.to_vector() + step));
                     at(&camera, &pose, &point)
                 };
                 let column = equation.by_camera.column(parameter);

@@ -59,7 +59,7 @@ pub use circle::{CircleEstimate, EllipseSight, MeasuredEllipse, estimate_circle,
 pub use error::{AdjustmentError, DatumMotion, ParameterName, ProblemPart, StationComponent};
 pub use problem::{
     BundleProblem, BundleSettings, CameraBlock, CoordinatePrior, Datum, DistanceObservation,
-    ImageObservation, ParameterState, PointBlock, RobustStart, StationBlock,
+    ImageObservation, ParameterState, PointBlock, ResidualPlane, RobustStart, StationBlock,
 };
 pub use rejection::{
     RejectedObservation, RejectionReason, RobustAdjustment, adjust_with_rejection,

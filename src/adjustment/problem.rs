@@ -120,6 +120,17 @@ pub struct DistanceObservation {
     pub sigma_mm: f64,
 }
 
+/// Where image residuals are formed: computed minus measured, px.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ResidualPlane {
+    /// In the picture as it was measured, where the errors of measurement are.
+    #[default]
+    Measured,
+    /// Between the point's ideal image and the corrected measurement, as DBAT has it.
+    Corrected,
+}
+
 /// What fixes position, attitude and scale of the network.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Datum {
@@ -147,6 +158,8 @@ pub struct BundleProblem {
     pub observations: Vec<ImageObservation>,
     /// The measured distances; one with an end that does not take part is left out too.
     pub distances: Vec<DistanceObservation>,
+    /// Where the residuals of the image observations are formed.
+    pub residuals: ResidualPlane,
     /// What fixes the frame.
     pub datum: Datum,
     /// The coordinate system of the result by three points (indices into [`BundleProblem::points`]); `None` leaves it

@@ -147,6 +147,7 @@ fn disturbed(
             .collect(),
         observations,
         distances: Vec::new(),
+        residuals: ResidualPlane::Measured,
         datum: Datum::InnerConstraints {
             points: (0..truth.points.len()).collect(),
         },

@@ -5,7 +5,6 @@ use nalgebra::{DVector, Vector3};
 use super::equations::State;
 use super::layout::{Layout, PointRole};
 use super::normals::Normals;
-use crate::camera::InteriorOrientation;
 
 /// Corrections of all unknowns.
 pub(super) struct Step {
@@ -50,7 +49,7 @@ impl Step {
             for (k, &parameter) in layout.camera_free[c].iter().enumerate() {
                 interior[parameter] += kept[layout.camera_start[c] + k];
             }
-            camera.interior = InteriorOrientation::from_vector(&interior);
+            camera.interior = camera.interior.with_values(&interior);
         }
         for (p, role) in layout.roles.iter().enumerate() {
             if let PointRole::Kept { start } = *role {

@@ -29,7 +29,7 @@
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
-use super::Camera;
+use super::{Camera, ImagePoint};
 use crate::geometry::{Circle, Pose};
 
 impl Camera {
@@ -79,10 +79,14 @@ impl Camera {
         let axis = Vector3::z();
         let pole = centre - (axis - normal * normal.z) * (radius * radius / centre.z);
         let ideal = self.ideal_from_point(&pole)?;
-        let measured = self.interior.measured_from_ideal(&ideal)?;
+        let there = self.interior.displacement(&ideal)?;
+        let image = ImagePoint {
+            ideal,
+            measured: there.measured,
+        };
         let outline = (Matrix3::identity() - normal * normal.transpose()) * (radius * radius);
-        let shift = self.shift_by_bending(centre, &measured, &outline)?;
-        Some(self.pixel_from_image(&(measured + shift)))
+        let shift = self.shift_by_bending(centre, &image, &there.by_ideal, &outline)?;
+        Some(self.pixel_from_image(&(there.measured + shift)))
     }
 
     /// How far the bending of the lens moves the centre of an ellipse, mm in the picture; `outline` is
@@ -90,17 +94,13 @@ impl Camera {
     fn shift_by_bending(
         &self,
         centre: &Vector3<f64>,
-        measured: &Vector2<f64>,
+        image: &ImagePoint,
+        measured_by_ideal: &Matrix2<f64>,
         outline: &Matrix3<f64>,
     ) -> Option<Vector2<f64>> {
-        let measured_by_ideal = self
-            .interior
-            .correction(measured)
-            .by_measured
-            .try_inverse()?;
         let by_point = measured_by_ideal * self.ideal_by_point(centre);
         let semi_axes: Matrix2<f64> = by_point * outline * by_point.transpose();
-        let curvature = self.interior.curvature(measured);
+        let curvature = self.interior.curvature(image)?;
         let bend: [Matrix2<f64>; 2] = std::array::from_fn(|m| {
             -(curvature[0] * measured_by_ideal[(m, 0)] + curvature[1] * measured_by_ideal[(m, 1)])
         });

@@ -1,6 +1,6 @@
 //! The camera that tests measure with.
 
-use super::{Camera, InteriorOrientation};
+use super::{Camera, InteriorOrientation, LensDirection};
 
 /// A wide-angle camera whose lens errs by some tens of pixels in the corners, all ten parameters away from zero.
 pub(crate) fn wide_angle_camera() -> Camera {
@@ -14,6 +14,7 @@ pub(crate) fn wide_angle_camera() -> Camera {
             radial: [1.5e-4, -4e-7, 2e-10],
             tangential: [1e-5, -2e-5],
             affinity: [1e-4, -5e-5],
+            direction: LensDirection::Correcting,
         },
     }
 }

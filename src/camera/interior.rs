@@ -1,10 +1,36 @@
-//! The ten parameters of interior orientation and the correction of a measured image point.
+//! The ten parameters of interior orientation and what they do with an image point.
 
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 use serde::{Deserialize, Serialize};
 
+use super::brown::Brown;
+
 /// Names of the ten parameters in the order of [`InteriorOrientation::to_vector`], as they stand in reports.
 pub const INTERIOR_NAMES: [&str; 10] = ["c", "x0", "y0", "K1", "K2", "K3", "P1", "P2", "B1", "B2"];
+
+/// Which image point the distortion is a function of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LensDirection {
+    /// Of the measured point: `ideal = measured - (x0, y0) + correction(measured - (x0, y0))`, as photogrammetry has it (Brown, 1971;
+    /// Fraser, 1997).
+    #[default]
+    Correcting,
+    /// Of the ideal point: `measured = ideal + (x0, y0) + distortion(ideal)`, as AICON, OpenCV and COLMAP have it.
+    Displacing {
+        /// Radius at which the radial distortion is balanced to zero, mm: `r^2n - R0^2n` stands for `r^2n`; 0 for none.
+        balanced_radius_mm: f64,
+    },
+}
+
+impl LensDirection {
+    /// Ours, and the rule.
+    #[must_use]
+    #[allow(clippy::trivially_copy_pass_by_ref, reason = "as serde asks")]
+    pub fn is_correcting(&self) -> bool {
+        *self == Self::Correcting
+    }
+}
 
 /// Principal distance, principal point and lens distortion, in millimetres.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -19,18 +45,46 @@ pub struct InteriorOrientation {
     pub tangential: [f64; 2],
     /// Affinity B1 and shear B2, without unit.
     pub affinity: [f64; 2],
+    /// What the distortion is a function of.
+    #[serde(default, skip_serializing_if = "LensDirection::is_correcting")]
+    pub direction: LensDirection,
 }
 
-/// A measured image point corrected to the ideal one, with derivatives.
+/// An image point on both sides of the lens.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImagePoint {
+    /// The ideal image point (x', y'), mm from the principal point.
+    pub ideal: Vector2<f64>,
+    /// The measured one, mm from the image centre.
+    pub measured: Vector2<f64>,
+}
+
+/// How the two sides of the lens depend on each other at an image point.
 #[derive(Clone, Copy, Debug)]
 pub struct Correction {
     /// The ideal image point (x', y'), mm from the principal point.
     pub ideal: Vector2<f64>,
     /// Derivative of the ideal by the measured point, 2x2.
     pub by_measured: Matrix2<f64>,
-    /// Derivative of the ideal point by the ten parameters, 2x10; the column of c is zero.
+    /// Derivative of the ideal point by the ten parameters with the measured one held, 2x10; the column of c is zero.
     pub by_interior: SMatrix<f64, 2, 10>,
 }
+
+/// The same the other way round.
+#[derive(Clone, Copy, Debug)]
+pub struct Displacement {
+    /// The measured image point, mm from the image centre.
+    pub measured: Vector2<f64>,
+    /// Derivative of the measured by the ideal point, 2x2.
+    pub by_ideal: Matrix2<f64>,
+    /// Derivative of the measured point by the ten parameters with the ideal one held, 2x10; the column of c is zero.
+    pub by_interior: SMatrix<f64, 2, 10>,
+}
+
+/// Newton steps to the other side of a lens at most, and the last one, in mm: image coordinates are some 10 mm, their last bits
+/// 1e-15 mm; 1e-13 mm is 1e-11 of a pixel.
+const STEPS: usize = 30;
+const LAST_STEP_MM: f64 = 1e-13;
 
 impl InteriorOrientation {
     /// A lens without distortion.
@@ -42,6 +96,7 @@ impl InteriorOrientation {
             radial: [0.0; 3],
             tangential: [0.0; 2],
             affinity: [0.0; 2],
+            direction: LensDirection::Correcting,
         }
     }
 
@@ -55,112 +110,167 @@ impl InteriorOrientation {
         SVector::from([self.principal_distance, x0, y0, k1, k2, k3, p1, p2, b1, b2])
     }
 
-    /// The inverse of [`Self::to_vector`].
+    /// The same kind of lens with these parameters, in the order of [`Self::to_vector`].
     #[must_use]
-    pub fn from_vector(v: &SVector<f64, 10>) -> Self {
+    pub fn with_values(&self, v: &SVector<f64, 10>) -> Self {
         Self {
             principal_distance: v[0],
             principal_point: [v[1], v[2]],
             radial: [v[3], v[4], v[5]],
             tangential: [v[6], v[7]],
             affinity: [v[8], v[9]],
+            direction: self.direction,
         }
     }
 
-    /// The ideal image point of a measured one, mm: `x' = xb + xb rad + P1 (r2 + 2 xb^2) + 2 P2 xb yb + B1 xb + B2 yb`,
-    /// `y' = yb + yb rad + P2 (r2 + 2 yb^2) + 2 P1 xb yb` with `xb = x - x0`, `rad = K1 r2 + K2 r2^2 + K3 r2^3`.
+    /// The ideal image point of a measured one, mm. With `xb = x - x0`, `rad = K1 r2 + K2 r2^2 + K3 r2^3`, in the correcting direction:
+    /// `x' = xb + xb rad + P1 (r2 + 2 xb^2) + 2 P2 xb yb + B1 xb + B2 yb`, `y' = yb + yb rad + P2 (r2 + 2 yb^2) + 2 P1 xb yb`.
+    ///
+    /// In the displacing direction by Newton's method; where the distortion folds over, the nearest that it comes to.
     #[must_use]
     pub fn ideal_from_measured(&self, measured: &Vector2<f64>) -> Vector2<f64> {
-        let xb = measured.x - self.principal_point[0];
-        let yb = measured.y - self.principal_point[1];
-        let [k1, k2, k3] = self.radial;
-        let [p1, p2] = self.tangential;
-        let [b1, b2] = self.affinity;
-        let r2 = xb * xb + yb * yb;
-        let radial = r2 * (k1 + r2 * (k2 + r2 * k3));
-        Vector2::new(
-            xb + xb * radial + p1 * (r2 + 2.0 * xb * xb) + 2.0 * p2 * xb * yb + b1 * xb + b2 * yb,
-            yb + yb * radial + p2 * (r2 + 2.0 * yb * yb) + 2.0 * p1 * xb * yb,
-        )
-    }
-
-    /// [`Self::ideal_from_measured`] with its derivatives.
-    #[must_use]
-    pub fn correction(&self, measured: &Vector2<f64>) -> Correction {
-        let xb = measured.x - self.principal_point[0];
-        let yb = measured.y - self.principal_point[1];
-        let [k1, k2, k3] = self.radial;
-        let [p1, p2] = self.tangential;
-        let [b1, b2] = self.affinity;
-        let r2 = xb * xb + yb * yb;
-        let radial = r2 * (k1 + r2 * (k2 + r2 * k3));
-        let radial_by_r2 = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3);
-        let cross = 2.0 * xb * yb * radial_by_r2 + 2.0 * p1 * yb + 2.0 * p2 * xb;
-        let by_measured = Matrix2::new(
-            1.0 + radial + 2.0 * xb * xb * radial_by_r2 + 6.0 * p1 * xb + 2.0 * p2 * yb + b1,
-            cross + b2,
-            cross,
-            1.0 + radial + 2.0 * yb * yb * radial_by_r2 + 6.0 * p2 * yb + 2.0 * p1 * xb,
-        );
-        let (r4, r6) = (r2 * r2, r2 * r2 * r2);
-        #[rustfmt::skip]
-        let by_interior = SMatrix::<f64, 2, 10>::from_row_slice(&[
-            0.0, -by_measured[(0, 0)], -by_measured[(0, 1)], xb * r2, xb * r4, xb * r6,
-            r2 + 2.0 * xb * xb, 2.0 * xb * yb, xb, yb,
-            0.0, -by_measured[(1, 0)], -by_measured[(1, 1)], yb * r2, yb * r4, yb * r6,
-            2.0 * xb * yb, r2 + 2.0 * yb * yb, 0.0, 0.0,
-        ]);
-        Correction {
-            ideal: self.ideal_from_measured(measured),
-            by_measured,
-            by_interior,
+        let from_point = measured - Vector2::from(self.principal_point);
+        match self.direction {
+            LensDirection::Correcting => self.brown(&from_point).value,
+            LensDirection::Displacing { .. } => match self.other_side(&from_point, from_point) {
+                Ok(ideal) | Err(ideal) => ideal,
+            },
         }
     }
 
-    /// Second derivatives of the ideal point's x' and y' by the measured point at a measured one, mm^-1.
-    ///
-    /// With `h = K1 s + K2 s^2 + K3 s^3`, `s = r2`, and `h'`, `h''` by `s`: `d2(xb h)/dxb2 = 6 xb h' + 4 xb^3 h''`,
-    /// `d2(xb h)/dxb dyb = 2 yb h' + 4 xb^2 yb h''`, `d2(xb h)/dyb2 = 2 xb h' + 4 xb yb^2 h''`; y likewise.
+    /// [`Self::ideal_from_measured`] with its derivatives; `None` where the distortion folds over.
     #[must_use]
-    pub fn curvature(&self, measured: &Vector2<f64>) -> [Matrix2<f64>; 2] {
-        let xb = measured.x - self.principal_point[0];
-        let yb = measured.y - self.principal_point[1];
-        let [k1, k2, k3] = self.radial;
-        let [p1, p2] = self.tangential;
-        let r2 = xb * xb + yb * yb;
-        let first = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3);
-        let second = 2.0 * k2 + r2 * 6.0 * k3;
-        let along = |u: f64| 6.0 * u * first + 4.0 * u * u * u * second;
-        let mixed = |u: f64, v: f64| 2.0 * v * first + 4.0 * u * u * v * second;
-        let across = |u: f64, v: f64| 2.0 * u * first + 4.0 * u * v * v * second;
-        let of_x = mixed(xb, yb) + 2.0 * p2;
-        let of_y = mixed(yb, xb) + 2.0 * p1;
-        [
-            Matrix2::new(along(xb) + 6.0 * p1, of_x, of_x, across(xb, yb) + 2.0 * p1),
-            Matrix2::new(across(yb, xb) + 2.0 * p2, of_y, of_y, along(yb) + 6.0 * p2),
-        ]
+    pub fn correction(&self, measured: &Vector2<f64>) -> Option<Correction> {
+        let from_point = measured - Vector2::from(self.principal_point);
+        match self.direction {
+            LensDirection::Correcting => {
+                let brown = self.brown(&from_point);
+                let mut by_interior = brown.by_coefficients();
+                by_interior
+                    .fixed_columns_mut::<2>(1)
+                    .copy_from(&-brown.by_point);
+                Some(Correction {
+                    ideal: brown.value,
+                    by_measured: brown.by_point,
+                    by_interior,
+                })
+            }
+            LensDirection::Displacing { .. } => {
+                let ideal = self.other_side(&from_point, from_point).ok()?;
+                let there = self.displacement_by_brown(&ideal);
+                let by_measured = there.by_ideal.try_inverse()?;
+                Some(Correction {
+                    ideal,
+                    by_measured,
+                    by_interior: -by_measured * there.by_interior,
+                })
+            }
+        }
     }
 
-    /// The measured image point whose correction gives `ideal`, mm (Newton's method from the point itself).
+    /// The measured image point of an ideal one with its derivatives; `None` where the distortion folds over on the way there: such a
+    /// point is not imaged by this lens.
+    #[must_use]
+    pub fn displacement(&self, ideal: &Vector2<f64>) -> Option<Displacement> {
+        match self.direction {
+            LensDirection::Correcting => {
+                let measured = self.measured_from_ideal(ideal)?;
+                let back = self.correction(&measured)?;
+                let by_ideal = back.by_measured.try_inverse()?;
+                Some(Displacement {
+                    measured,
+                    by_ideal,
+                    by_interior: -by_ideal * back.by_interior,
+                })
+            }
+            LensDirection::Displacing { .. } => {
+                let there = self.displacement_by_brown(ideal);
+                (there.by_ideal.determinant() > 0.0).then_some(there)
+            }
+        }
+    }
+
+    /// The measured image point of an ideal one, mm.
     ///
     /// `None` where the distortion folds over on the way there: such a point is not imaged by this lens.
     #[must_use]
     pub fn measured_from_ideal(&self, ideal: &Vector2<f64>) -> Option<Vector2<f64>> {
         let principal_point = Vector2::from(self.principal_point);
-        let mut measured = ideal + principal_point;
-        for _ in 0..30 {
-            let correction = self.correction(&measured);
-            if correction.by_measured.determinant() <= 0.0 {
-                return None;
+        let from_point = match self.direction {
+            LensDirection::Correcting => self.other_side(ideal, *ideal).ok()?,
+            LensDirection::Displacing { .. } => {
+                let brown = self.brown(ideal);
+                (brown.by_point.determinant() > 0.0).then_some(brown.value)?
             }
-            let step = correction.by_measured.try_inverse()? * (ideal - correction.ideal);
-            measured += step;
-            // Image coordinates are some 10 mm: the last bits are 1e-15 mm; 1e-13 mm is 1e-11 of a pixel.
-            if step.norm() < 1e-13 * (1.0 + measured.norm()) {
-                return Some(measured);
+        };
+        Some(from_point + principal_point)
+    }
+
+    /// Second derivatives of the ideal point's x' and y' by the measured point at an image point, mm^-1; `None` where the
+    /// distortion folds over.
+    ///
+    /// Those of an inverse: with `m = g(i)` and `J = g'^-1` it is `i_k'' = -sum_l J_kl J^T g_l'' J`.
+    #[must_use]
+    pub fn curvature(&self, point: &ImagePoint) -> Option<[Matrix2<f64>; 2]> {
+        match self.direction {
+            LensDirection::Correcting => {
+                let from_point = point.measured - Vector2::from(self.principal_point);
+                Some(self.brown(&from_point).curvature())
+            }
+            LensDirection::Displacing { .. } => {
+                let brown = self.brown(&point.ideal);
+                let back = brown.by_point.try_inverse()?;
+                let bent = brown.curvature().map(|of| back.transpose() * of * back);
+                Some(std::array::from_fn(|k| {
+                    -(bent[0] * back[(k, 0)] + bent[1] * back[(k, 1)])
+                }))
             }
         }
-        None
+    }
+
+    fn displacement_by_brown(&self, ideal: &Vector2<f64>) -> Displacement {
+        let brown = self.brown(ideal);
+        let mut by_interior = brown.by_coefficients();
+        by_interior
+            .fixed_columns_mut::<2>(1)
+            .copy_from(&Matrix2::identity());
+        Displacement {
+            measured: brown.value + Vector2::from(self.principal_point),
+            by_ideal: brown.by_point,
+            by_interior,
+        }
+    }
+
+    fn brown(&self, from_point: &Vector2<f64>) -> Brown {
+        let balanced_radius = match self.direction {
+            LensDirection::Correcting => 0.0,
+            LensDirection::Displacing { balanced_radius_mm } => balanced_radius_mm,
+        };
+        Brown::at(self, balanced_radius, from_point)
+    }
+
+    /// The point whose distorted place is `distorted`, by Newton's method; the last one where it does not come there.
+    fn other_side(
+        &self,
+        distorted: &Vector2<f64>,
+        start: Vector2<f64>,
+    ) -> Result<Vector2<f64>, Vector2<f64>> {
+        let mut at = start;
+        for _ in 0..STEPS {
+            let brown = self.brown(&at);
+            if brown.by_point.determinant() <= 0.0 {
+                return Err(at);
+            }
+            let Some(inverse) = brown.by_point.try_inverse() else {
+                return Err(at);
+            };
+            let step = inverse * (distorted - brown.value);
+            at += step;
+            if step.norm() < LAST_STEP_MM * (1.0 + at.norm()) {
+                return Ok(at);
+            }
+        }
+        Err(at)
     }
 }
 
@@ -169,53 +279,97 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn lens() -> InteriorOrientation {
+    fn lens(direction: LensDirection) -> InteriorOrientation {
         InteriorOrientation {
             principal_distance: 20.0,
             principal_point: [0.1, -0.05],
             radial: [1.5e-4, -4e-7, 2e-10],
             tangential: [1e-5, -2e-5],
             affinity: [1e-4, -5e-5],
+            direction,
         }
+    }
+
+    fn any_direction() -> impl Strategy<Value = LensDirection> {
+        prop_oneof![
+            Just(LensDirection::Correcting),
+            (0.0..15.0)
+                .prop_map(|balanced_radius_mm| LensDirection::Displacing { balanced_radius_mm }),
+        ]
+    }
+
+    /// Steps that move an image point by some 1e-4 mm whatever the parameter's unit.
+    const STEPS: [f64; 10] = [1e-4, 1e-4, 1e-4, 1e-7, 1e-9, 1e-11, 1e-6, 1e-6, 1e-5, 1e-5];
+
+    fn stepped(lens: &InteriorOrientation, parameter: usize, by: f64) -> InteriorOrientation {
+        let mut values = lens.to_vector();
+        values[parameter] += by;
+        lens.with_values(&values)
     }
 
     proptest! {
         #[test]
-        fn correcting_and_its_inverse_agree(x in -13.0..13.0, y in -9.0..9.0) {
-            let measured = Vector2::new(x, y);
-            let back = lens().measured_from_ideal(&lens().ideal_from_measured(&measured)).unwrap();
+        fn both_sides_of_a_lens_agree(direction in any_direction(), x in -13.0..13.0, y in -9.0..9.0) {
+            let (lens, measured) = (lens(direction), Vector2::new(x, y));
+            let back = lens.measured_from_ideal(&lens.ideal_from_measured(&measured)).unwrap();
             prop_assert!((back - measured).norm() < 1e-11);
         }
 
         #[test]
-        fn derivatives_agree_with_differences(x in -13.0..13.0, y in -9.0..9.0) {
-            let measured = Vector2::new(x, y);
-            let correction = lens().correction(&measured);
+        fn derivatives_agree_with_differences(direction in any_direction(), x in -13.0..13.0, y in -9.0..9.0) {
+            let (lens, measured) = (lens(direction), Vector2::new(x, y));
+            let correction = lens.correction(&measured).unwrap();
+            let displacement = lens.displacement(&correction.ideal).unwrap();
+            let point = ImagePoint { ideal: correction.ideal, measured };
+            prop_assert!((displacement.measured - measured).norm() < 1e-11);
             let h = 1e-5;
             for axis in 0..2 {
                 let mut step = Vector2::zeros();
                 step[axis] = h;
-                let difference = (lens().ideal_from_measured(&(measured + step)) - lens().ideal_from_measured(&(measured - step))) / (2.0 * h);
-                prop_assert!((difference - correction.by_measured.column(axis)).norm() < 1e-9);
-                let bent = (lens().correction(&(measured + step)).by_measured - lens().correction(&(measured - step)).by_measured) / (2.0 * h);
-                let curvature = lens().curvature(&measured);
-                for (row, curvature) in curvature.iter().enumerate() {
-                    prop_assert!((bent.row(row).transpose() - curvature.column(axis)).norm() < 1e-9);
+                let ideal = (lens.ideal_from_measured(&(measured + step)) - lens.ideal_from_measured(&(measured - step))) / (2.0 * h);
+                prop_assert!((ideal - correction.by_measured.column(axis)).norm() < 1e-8);
+                let there = [step, -step].map(|step| lens.measured_from_ideal(&(correction.ideal + step)).unwrap());
+                prop_assert!(((there[0] - there[1]) / (2.0 * h) - displacement.by_ideal.column(axis)).norm() < 1e-8);
+                let slopes = [step, -step].map(|step| lens.correction(&(measured + step)).unwrap().by_measured);
+                let bent = (slopes[0] - slopes[1]) / (2.0 * h);
+                for (row, curvature) in lens.curvature(&point).unwrap().iter().enumerate() {
+                    prop_assert!((bent.row(row).transpose() - curvature.column(axis)).norm() < 1e-8);
                 }
             }
-            for parameter in 0..10 {
-                // Steps that move the point by some 1e-4 mm whatever the parameter's unit.
-                let h = [1e-4, 1e-4, 1e-4, 1e-7, 1e-9, 1e-11, 1e-6, 1e-6, 1e-5, 1e-5][parameter];
-                let mut step = SVector::<f64, 10>::zeros();
-                step[parameter] = h;
-                let plus = InteriorOrientation::from_vector(&(lens().to_vector() + step)).ideal_from_measured(&measured);
-                let minus = InteriorOrientation::from_vector(&(lens().to_vector() - step)).ideal_from_measured(&measured);
-                let difference = (plus - minus) / (2.0 * h);
-                let derivative = correction.by_interior.column(parameter);
-                // Rounding: coordinates of some 10 mm carry 1e-14 mm.
-                prop_assert!((difference - derivative).norm() < 1e-6 * (1.0 + derivative.norm()) + 1e-14 / h, "{parameter}");
+            for (parameter, h) in STEPS.into_iter().enumerate() {
+                let sides = [h, -h].map(|h| stepped(&lens, parameter, h));
+                let ideal = sides.map(|lens| lens.ideal_from_measured(&measured));
+                let there = sides.map(|lens| lens.measured_from_ideal(&correction.ideal).unwrap());
+                for (ends, derivative) in [(ideal, correction.by_interior), (there, displacement.by_interior)] {
+                    let derivative = derivative.column(parameter);
+                    // Rounding: coordinates of some 10 mm carry 1e-13 mm.
+                    prop_assert!(((ends[0] - ends[1]) / (2.0 * h) - derivative).norm() < 1e-6 * (1.0 + derivative.norm()) + 1e-13 / h, "{parameter}");
+                }
             }
         }
+    }
+
+    #[test]
+    fn a_displacing_lens_is_the_one_of_the_published_formula() {
+        let lens = InteriorOrientation {
+            principal_distance: 28.0,
+            principal_point: [0.02, 0.05],
+            radial: [-1.1e-4, 1.5e-7, 0.0],
+            tangential: [6e-6, -9e-6],
+            affinity: [-7e-5, -3e-5],
+            direction: LensDirection::Displacing {
+                balanced_radius_mm: 13.488,
+            },
+        };
+        let (px, py, r0) = (7.0_f64, -5.0_f64, 13.488_f64);
+        let r2 = px * px + py * py;
+        let f = -1.1e-4 * (r2 - r0 * r0) + 1.5e-7 * (r2 * r2 - r0.powi(4));
+        let x = px + 0.02 + px * f + 6e-6 * (r2 + 2.0 * px * px) + 2.0 * -9e-6 * px * py
+            - 7e-5 * px
+            - 3e-5 * py;
+        let y = py + 0.05 + py * f - 9e-6 * (r2 + 2.0 * py * py) + 2.0 * 6e-6 * px * py;
+        let measured = lens.measured_from_ideal(&Vector2::new(px, py)).unwrap();
+        assert!((measured - Vector2::new(x, y)).norm() < 1e-14);
     }
 
     #[test]

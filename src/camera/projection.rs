@@ -76,24 +76,42 @@ impl Camera {
 
     /// [`Self::project`] with derivatives by the point and by the ten parameters.
     ///
-    /// The measured point solves `correct(measured; interior) = ideal(point; c)`, so its derivatives follow from the
-    /// correction's by the implicit function theorem.
+    /// In the correcting direction the measured point solves `correct(measured; interior) = ideal(point; c)`, so its derivatives follow
+    /// from the correction's by the implicit function theorem.
     #[must_use]
     pub fn project_with_jacobians(&self, point_in_camera: &Vector3<f64>) -> Option<Projection> {
         let ideal = self.ideal_from_point(point_in_camera)?;
-        let measured = self.interior.measured_from_ideal(&ideal)?;
-        let correction = self.interior.correction(&measured);
-        let measured_by_ideal = correction.by_measured.try_inverse()?;
+        let there = self.interior.displacement(&ideal)?;
         let pixel_by_measured = Matrix2::new(1.0, 0.0, 0.0, -1.0) / self.pixel_pitch_mm;
-        let c = self.interior.principal_distance;
-        let ideal_by_point = self.ideal_by_point(point_in_camera);
-        let mut ideal_by_interior = -correction.by_interior;
-        ideal_by_interior.set_column(0, &(ideal / c));
-        let pixel_by_ideal = pixel_by_measured * measured_by_ideal;
+        let mut by_interior = there.by_interior;
+        by_interior.set_column(
+            0,
+            &(there.by_ideal * ideal / self.interior.principal_distance),
+        );
         Some(Projection {
-            pixel: self.pixel_from_image(&measured),
-            by_point: pixel_by_ideal * ideal_by_point,
-            by_interior: pixel_by_ideal * ideal_by_interior,
+            pixel: self.pixel_from_image(&there.measured),
+            by_point: pixel_by_measured * there.by_ideal * self.ideal_by_point(point_in_camera),
+            by_interior: pixel_by_measured * by_interior,
+        })
+    }
+
+    /// How far, in the corrected plane and px, the ideal image of a point is from the corrected place of a pixel, with derivatives; the
+    /// difference stands in `pixel`.
+    #[must_use]
+    pub fn corrected_difference(
+        &self,
+        point_in_camera: &Vector3<f64>,
+        pixel: &Vector2<f64>,
+    ) -> Option<Projection> {
+        let ideal = self.ideal_from_point(point_in_camera)?;
+        let correction = self.interior.correction(&self.image_from_pixel(pixel))?;
+        let in_pixels = Matrix2::new(1.0, 0.0, 0.0, -1.0) / self.pixel_pitch_mm;
+        let mut by_interior = -correction.by_interior;
+        by_interior.set_column(0, &(ideal / self.interior.principal_distance));
+        Some(Projection {
+            pixel: in_pixels * (ideal - correction.ideal),
+            by_point: in_pixels * self.ideal_by_point(point_in_camera),
+            by_interior: in_pixels * by_interior,
         })
     }
 
@@ -155,7 +173,7 @@ mod tests {
                 let moved = |sign: f64| {
                     let mut step = SVector::<f64, 10>::zeros();
                     step[parameter] = sign * h;
-                    let interior = InteriorOrientation::from_vector(&(wide_angle_camera().interior.to_vector() + step));
+                    let interior = wide_angle_camera().interior.with_values(&(wide_angle_camera().interior.to_vector() + step));
                     Camera { interior, ..wide_angle_camera() }.project(&point).unwrap()
                 };
                 let difference = (moved(1.0) - moved(-1.0)) / (2.0 * h);

@@ -269,17 +269,13 @@ impl Sight {
 
 fn sighted(view: &View, dot: &ViewDot) -> SightedDot {
     let pitch = view.camera.pixel_pitch_mm;
-    let correction = view
-        .camera
-        .interior
-        .correction(&view.camera.image_from_pixel(&dot.pixel));
-    let ray = Vector3::new(
-        correction.ideal.x,
-        correction.ideal.y,
-        -view.camera.interior.principal_distance,
-    );
+    let interior = &view.camera.interior;
+    let measured = view.camera.image_from_pixel(&dot.pixel);
+    let ideal = interior.ideal_from_measured(&measured);
+    let ray = Vector3::new(ideal.x, ideal.y, -interior.principal_distance);
     let known = dot.major_px > 0.0 && dot.minor_px > 0.0 && dot.angle.is_finite();
-    let squared_axes = known.then(|| {
+    let correction = interior.correction(&measured).filter(|_| known);
+    let squared_axes = correction.map(|correction| {
         let turn = Rotation2::new(dot.angle);
         let axes = Matrix2::from_diagonal(&Vector2::new(
             dot.major_px * dot.major_px,
@@ -291,7 +287,7 @@ fn sighted(view: &View, dot: &ViewDot) -> SightedDot {
         stretch * turned * stretch.transpose()
     });
     SightedDot {
-        place: Vector2::new(correction.ideal.x, -correction.ideal.y) / pitch,
+        place: Vector2::new(ideal.x, -ideal.y) / pitch,
         sigma_px: dot.sigma_px,
         direction: view.pose.world_from_direction(&ray).normalize(),
         squared_axes,

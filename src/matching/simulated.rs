@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use super::problem::{
     Identification, IdentificationInput, KnownCircle, KnownPoint, ObjectSpace, View, ViewDot,
 };
-use crate::camera::{Camera, InteriorOrientation};
+use crate::camera::{Camera, InteriorOrientation, LensDirection};
 use crate::geometry::Pose;
 
 /// What a scene is like.
@@ -104,6 +104,7 @@ impl Scene {
                 radial: [1.5e-4, -4e-7, 0.0],
                 tangential: [1e-5, -2e-5],
                 affinity: [0.0, 0.0],
+                direction: LensDirection::Correcting,
             },
         };
         let poses = stations(settings, &mut rng);

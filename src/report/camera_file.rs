@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use crate::camera::InteriorOrientation;
+use crate::camera::{InteriorOrientation, LensDirection};
 
 /// What a camera file says.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,6 +43,7 @@ impl CameraFile {
             radial: self.radial,
             tangential: self.tangential,
             affinity: self.affinity,
+            direction: LensDirection::Correcting,
         }
     }
 }

@@ -9,7 +9,7 @@ use super::scale::{bars_in_reach, scale_source};
 use crate::adjustment::{
     Adjustment, AdjustmentError, BundleProblem, CameraBlock, CoordinatePrior, Datum,
     DistanceObservation, ImageObservation, ObservationStatus, ParameterName, PointBlock,
-    ProblemPart, Settled, SettledPoint, StationBlock,
+    ProblemPart, ResidualPlane, Settled, SettledPoint, StationBlock,
 };
 use crate::camera::INTERIOR_NAMES;
 use crate::geometry::ThreeTwoOne;
@@ -188,6 +188,7 @@ impl Bundle {
             points: blocks,
             observations,
             distances,
+            residuals: ResidualPlane::Measured,
             datum,
             frame: None,
             rejected: BTreeSet::new(),

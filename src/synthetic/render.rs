@@ -234,7 +234,7 @@ fn lay_over(light: &mut [f32], top: usize, width: usize, patch: &Patch) {
 mod tests {
     use super::super::{Disc, PanelSettings, Surface, Visibility, panel, truth_dots};
     use super::*;
-    use crate::camera::InteriorOrientation;
+    use crate::camera::{InteriorOrientation, LensDirection};
     use nalgebra::{Vector2, Vector3};
     use proptest::prelude::*;
 
@@ -257,6 +257,7 @@ mod tests {
                 radial: [2.5e-4, -4e-7, 2e-10],
                 tangential: [4e-5, -6e-5],
                 affinity: [5e-4, -2e-4],
+                direction: LensDirection::Correcting,
             },
         }
     }

@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::noise::normal;
 use super::{SceneError, Station};
-use crate::camera::{Camera, InteriorOrientation};
+use crate::camera::{Camera, InteriorOrientation, LensDirection};
 use crate::geometry::Pose;
 
 /// Frame and lens as their makers state them.
@@ -39,6 +39,7 @@ pub(super) fn camera_with_errors(nominal: &NominalCamera, random: &mut ChaCha8Rn
         ],
         tangential: [about(1.2e-5, 0.4) / size, about(-0.8e-5, 0.4) / size],
         affinity: [about(1.2e-4, 0.4), about(-0.6e-4, 0.4)],
+        direction: LensDirection::Correcting,
     };
     Camera {
         width_px: nominal.width_px,

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Rotation2, Vector2, Vector3};
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
-use tiepoint::camera::{Camera, InteriorOrientation};
+use tiepoint::camera::{Camera, InteriorOrientation, LensDirection};
 use tiepoint::geometry::Pose;
 use tiepoint::targets::{
     CodeReading, DOT420_AXES, Dot, Dot420Settings, DotIndex, Family, NominalCamera, dot420_table,
@@ -66,6 +66,7 @@ pub(crate) fn camera(lens: f64) -> Camera {
             radial: [1.5e-4 * lens, -4e-7 * lens, 2e-10 * lens],
             tangential: [1e-5, -2e-5],
             affinity: [1e-4, -5e-5],
+            direction: LensDirection::Correcting,
         },
     }
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::Vector2;
 use tiepoint::adjustment::{
     BundleProblem, BundleSettings, CameraBlock, Datum, ImageObservation, ParameterState,
-    PointBlock, StationBlock, adjust,
+    PointBlock, ResidualPlane, StationBlock, adjust,
 };
 use tiepoint::camera::Camera;
 use tiepoint::monitor::Monitor;
@@ -75,6 +75,7 @@ impl Scene {
                 .collect(),
             observations: observations.collect(),
             distances: Vec::new(),
+            residuals: ResidualPlane::Measured,
             datum: Datum::InnerConstraints {
                 points: (0..points.len()).collect(),
             },

@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use nalgebra::{Matrix3, Matrix6, Rotation3, SMatrix, Vector2, Vector3};
 
 use super::{Opened, StorageError, Store};
-use crate::camera::{Camera, InteriorOrientation};
+use crate::camera::{Camera, InteriorOrientation, LensDirection};
 use crate::geometry::Pose;
 use crate::network::*;
 use crate::targets::{CodeEvidence, CodeReading, Detections, Dot, DotIndex, Family, Rejected};
@@ -64,6 +64,7 @@ fn network(images: u32, mut next: impl FnMut() -> f64) -> Network {
             radial: [next(), next(), next()],
             tangential: [next(), next()],
             affinity: [next(), next()],
+            direction: LensDirection::Correcting,
         },
     };
     let entry = CameraEntry {
