@@ -1,0 +1,33 @@
+//! A network of rays without pictures: cameras, images, points, image measurements and distances as plain numbers.
+//!
+//! [`from_json`] and [`to_json`] are its format. Readers take texts, never paths: whoever calls reads the files.
+//!
+//! - **Frames and signs are ours** whatever the source: pixels from the top-left corner, the camera looking along -z
+//!   with y up, parameters in the order and sign of [`crate::camera::INTERIOR_NAMES`].
+//! - **The direction of the lens is kept**, because a polynomial in the measured point is none in the ideal one:
+//!   [`LensDirection`] says which of the two its parameters correct or displace.
+//! - **Lengths are millimetres** where the source has a scale; a source in other units keeps them, and all of its
+//!   object coordinates, centres and distances are in that one unit.
+//! - **Every fault is one line** ([`ImportError`]): where, what was found, what was expected. A reader that cannot hold
+//!   something refuses it; nothing is passed over in silence but what its documentation names.
+//!
+//! Invariant: a network that came out of a reader satisfies [`PlainNetwork::check`].
+
+mod check;
+mod error;
+mod json;
+mod json_form;
+mod lens;
+mod model;
+
+#[cfg(test)]
+mod fixture;
+
+pub use check::NetworkFault;
+pub use error::{ImportError, ImportPlace, NamedText};
+pub use json::{from_json, to_json};
+pub use lens::{LensDirection, ResidualPlane};
+pub use model::{
+    DatumPoints, Known, PlainCamera, PlainDatum, PlainDistance, PlainImage, PlainNetwork,
+    PlainObservation, PlainParameter, PlainPoint, PointRole,
+};
