@@ -1,6 +1,8 @@
 //! A network of rays without pictures: cameras, images, points, image measurements and distances as plain numbers.
 //!
-//! [`from_json`] and [`to_json`] are its format. Readers take texts, never paths: whoever calls reads the files.
+//! Other programs' networks come in here, so that they can be adjusted and compared. [`from_json`] and [`to_json`] are
+//! this program's own format; [`from_aicon`] reads another. Readers take texts, never paths: whoever calls reads the
+//! files.
 //!
 //! - **Frames and signs are ours** whatever the source: pixels from the top-left corner, the camera looking along -z
 //!   with y up, parameters in the order and sign of [`crate::camera::INTERIOR_NAMES`].
@@ -13,16 +15,21 @@
 //!
 //! Invariant: a network that came out of a reader satisfies [`PlainNetwork::check`].
 
+mod aicon;
 mod check;
 mod error;
 mod json;
 mod json_form;
 mod lens;
 mod model;
+mod rows;
 
 #[cfg(test)]
 mod fixture;
+#[cfg(test)]
+mod real_data;
 
+pub use aicon::{AICON_SIGMA_MM, AiconTexts, from_aicon};
 pub use check::NetworkFault;
 pub use error::{ImportError, ImportPlace, NamedText};
 pub use json::{from_json, to_json};
