@@ -1,8 +1,8 @@
 //! A network of rays without pictures: cameras, images, points, image measurements and distances as plain numbers.
 //!
 //! Other programs' networks come in here, so that they can be adjusted and compared. [`from_json`] and [`to_json`] are
-//! this program's own format; [`from_aicon`] reads another. Readers take texts, never paths: whoever calls reads the
-//! files.
+//! this program's own format; [`from_aicon`] and [`from_dbat`] read two others. Readers take texts, never paths: whoever
+//! calls reads the files.
 //!
 //! - **Frames and signs are ours** whatever the source: pixels from the top-left corner, the camera looking along -z
 //!   with y up, parameters in the order and sign of [`crate::camera::INTERIOR_NAMES`].
@@ -17,6 +17,8 @@
 
 mod aicon;
 mod check;
+mod dbat;
+mod dbat_camera;
 mod error;
 mod json;
 mod json_form;
@@ -31,6 +33,7 @@ mod real_data;
 
 pub use aicon::{AICON_SIGMA_MM, AiconTexts, from_aicon};
 pub use check::NetworkFault;
+pub use dbat::{DBAT_SIGMA_PX, DbatTexts, from_dbat};
 pub use error::{ImportError, ImportPlace, NamedText};
 pub use json::{from_json, to_json};
 pub use lens::{LensDirection, ResidualPlane};
