@@ -11,7 +11,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The floors, highest in the order of use first: a floor uses those before it, never those after it.
-const FLOORS: [&str; 16] = [
+const FLOORS: [&str; 17] = [
     "monitor",
     "geometry",
     "camera",
@@ -21,6 +21,7 @@ const FLOORS: [&str; 16] = [
     "orientation",
     "matching",
     "network",
+    "plain_network",
     "synthetic",
     "stages",
     "report",
@@ -31,7 +32,7 @@ const FLOORS: [&str; 16] = [
 ];
 
 /// Floors that stand before another but are not for it, with the reason.
-const STRANGERS: [(&str, &[&str], &str); 7] = [
+const STRANGERS: [(&str, &[&str], &str); 8] = [
     (
         "geometry",
         &["monitor"],
@@ -63,8 +64,19 @@ const STRANGERS: [(&str, &[&str], &str); 7] = [
         "the network holds values, it computes nothing",
     ),
     (
+        "plain_network",
+        &["imaging", "targets"],
+        "a network without pictures",
+    ),
+    (
         "synthetic",
-        &["adjustment", "orientation", "matching", "network"],
+        &[
+            "adjustment",
+            "orientation",
+            "matching",
+            "network",
+            "plain_network",
+        ],
         "truth must not come from what it tests",
     ),
 ];

@@ -1,0 +1,189 @@
+//! What is written is read back to the bit; what is wrong is named.
+
+use proptest::prelude::*;
+
+use super::super::fixture::{random_network, small_network};
+use super::*;
+
+fn read(text: &str) -> Result<PlainNetwork, ImportError> {
+    from_json(NamedText {
+        file: "net.json",
+        text,
+    })
+}
+
+const HEAD: &str = r#""format":"tiepoint-network","version":1"#;
+const CAMERA: &str =
+    r#"{"name":"A","width_px":4000,"height_px":3000,"pixel_pitch_mm":0.005,"values":{"c":24}}"#;
+
+/// A file with these texts in the place of its lists.
+fn file(images: &str, points: &str, observations: &str, rest: &str) -> String {
+    format!(
+        "{{{HEAD},\"cameras\":[{CAMERA}],\"images\":[{images}],\"points\":[{points}],\"observations\":[{observations}]{rest}}}"
+    )
+}
+
+proptest! {
+    #[test]
+    fn a_network_comes_back_to_the_bit(seed in 0u64..1000) {
+        let network = random_network(seed);
+        let text = to_json(&network).unwrap();
+        let back = read(&text).unwrap();
+        prop_assert_eq!(&back, &network);
+        // Equal texts: -0 and 0 are equal numbers but differ in their bits.
+        prop_assert_eq!(to_json(&back).unwrap(), text);
+    }
+
+    #[test]
+    fn a_damaged_file_is_answered_and_never_a_panic(at in 0usize..3000, byte in 32u8..127) {
+        let mut text = to_json(&small_network()).unwrap().into_bytes();
+        let at = at % text.len();
+        text[at] = byte;
+        if let Err(error) = read(std::str::from_utf8(&text).unwrap()) {
+            prop_assert!(!error.to_string().contains('\n'), "{error}");
+        }
+    }
+}
+
+#[test]
+fn what_is_left_out_has_its_default() {
+    let text = file(
+        r#"{"name":"1"},{"name":"2","camera":"A"}"#,
+        r#"{"name":"p"},{"name":"q","known":[{"value_mm":1.5},null,{"value_mm":2,"sigma_mm":0.1}]}"#,
+        r#"["1","p",10,20],["2","p",11,21,0.5]"#,
+        r#","sigma_px":0.1,"distances":[{"name":"d","from":"p","to":"q","length_mm":5,"sigma_mm":0.01}]"#,
+    );
+    let network = read(&text).unwrap();
+    assert_eq!(network.images[0].camera, 0);
+    assert_eq!(network.images[0].start, None);
+    assert_eq!(network.points[0].role, PointRole::New);
+    assert_eq!(network.points[1].role, PointRole::Control);
+    assert_eq!(
+        network.points[1].known[0].map(|known| known.sigma_mm),
+        Some(None)
+    );
+    assert_eq!(network.datum, PlainDatum::Control);
+    assert_eq!(network.observations[0].sigma_px, 0.1);
+    assert_eq!(network.observations[1].sigma_px, 0.5);
+    assert_eq!(network.cameras[0].parameters, [PlainParameter::Fixed; 10]);
+    assert_eq!(network.cameras[0].values[1..], [0.0; 9]);
+}
+
+#[test]
+fn the_documented_file_is_read() {
+    let text: Vec<&str> = include_str!("json.rs")
+        .lines()
+        .skip_while(|line| !line.contains("```json"))
+        .skip(1)
+        .take_while(|line| !line.contains("```"))
+        .map(|line| line.trim_start_matches("///"))
+        .collect();
+    let network = read(&text.join("\n")).unwrap();
+    assert_eq!(network.observations[1].sigma_px, 0.2);
+    assert_eq!(network.points[2].role, PointRole::Check);
+}
+
+#[test]
+fn bad_files_are_answered_in_one_line() {
+    let image = r#"{"name":"1"}"#;
+    let point = r#"{"name":"p"}"#;
+    let seen = r#"["1","p",10,20,0.1]"#;
+    let cases = [
+        (
+            "{\n\"format\": \"tiepoint-network\",\n}".to_owned(),
+            "net.json, line 3, column 1: found '}', expected JSON (trailing comma)",
+        ),
+        (
+            String::new(),
+            "net.json, line 1, column 1: found the end of the text, expected JSON (EOF while parsing a value)",
+        ),
+        (
+            r#"{"format":"tiepoint-network","version":2,"cameras":[],"images":[],"points":[],"observations":[]}"#.to_owned(),
+            "net.json, version: found 2, expected 1",
+        ),
+        (
+            r#"{"format":"geojson","version":1,"cameras":[],"images":[],"points":[],"observations":[]}"#.to_owned(),
+            "net.json, format: found 'geojson', expected tiepoint-network",
+        ),
+        (
+            file(image, point, seen, ",\"colour\":1"),
+            "net.json, line 1, column 233: found the key 'colour', expected one of format, version, residuals, sigma_px, datum, cameras, images, points, observations, distances",
+        ),
+        (
+            file(image, point, r#"["1","p",10]"#, ""),
+            "net.json, line 1, column 216: found a list of 3, expected [image, point, x_px, y_px] with or without sigma_px as a fifth",
+        ),
+        (
+            file(image, point, r#"["1","p",1e999,20]"#, ""),
+            "net.json, line 1, column 218: found '9,20]]}', expected JSON (number out of range)",
+        ),
+        (
+            file(image, point, r#"["1","p",NaN,20]"#, ""),
+            "net.json, line 1, column 214: found 'NaN,20]]}', expected JSON (expected value)",
+        ),
+        (
+            file(r#"{"name":"1","camera":"B"}"#, point, "", ""),
+            "net.json, image '1': found the camera 'B', expected the name of one that is listed",
+        ),
+        (
+            file(image, point, r#"["2","p",10,20]"#, ""),
+            "net.json, observation 1 of point 'p' in image '2': found the image '2', expected the name of one that is listed",
+        ),
+        (
+            file(image, point, r#"["1","q",10,20]"#, ""),
+            "net.json, observation 1 of point 'q' in image '1': found the point 'q', expected the name of one that is listed",
+        ),
+        (
+            file(image, point, r#"["1","p",10,20]"#, ""),
+            "net.json, observation 1 of point 'p' in image '1': found no sigma, expected sigma_px as its fifth number, or one for all in the file",
+        ),
+        (
+            file(image, point, &format!("{seen},{seen}"), ""),
+            "net.json, observation 2 of point 'p' in image '1': found a second one of it, expected one",
+        ),
+        (
+            file(image, &format!("{point},{point}"), seen, ""),
+            "net.json, point 'p': found a second one of this name, expected one",
+        ),
+        (
+            file(image, point, seen, r#","distances":[{"name":"d","from":"p","to":"q","length_mm":5,"sigma_mm":1}]"#),
+            "net.json, distance 'd': found the point 'q', expected the name of one that is listed",
+        ),
+        (
+            file(image, point, seen, r#","datum":{"inner_constraints":["q"]}"#),
+            "net.json, datum: found the point 'q', expected the name of one that is listed",
+        ),
+        (
+            file(image, point, seen, r#","datum":{"inner_constraints":"some"}"#),
+            "net.json, line 1, column 260: found string \"some\", expected \"all\" or a list of names of points",
+        ),
+        (
+            file(r#"{"name":"1","centre_mm":[1,2,3]}"#, point, seen, ""),
+            "net.json, image '1': found centre_mm alone, expected camera_from_world with it",
+        ),
+        (
+            file(image, point, seen, "").replace(r#""values""#, r#""free":["K9"],"values""#),
+            "net.json, camera 'A': found the parameter 'K9', expected one of c, x0, y0, K1, K2, K3, P1, P2, B1, B2",
+        ),
+        (
+            file(image, point, seen, "").replace(r#""values""#, r#""free":["K1"],"weighted":{"K1":1e-6},"values""#),
+            "net.json, camera 'A': found the parameter K1 again, expected it once",
+        ),
+        (
+            file(image, point, seen, ",\"version\":1"),
+            "net.json, line 1, column 234: found the key version again, expected it once",
+        ),
+        (
+            file(image, point, r#"["1","p",10,20,0.1,0.1]"#, ""),
+            "net.json, line 1, column 227: found a list of 6, expected [image, point, x_px, y_px] with or without sigma_px as a fifth",
+        ),
+        (
+            file(image, point, seen, "").replace(r#"{"c":24}"#, "{}"),
+            "net.json, line 1, column 131: found no key c, expected it",
+        ),
+    ];
+    for (text, line) in cases {
+        let error = read(&text).expect_err(&text);
+        assert_eq!(error.to_string(), line, "{text}");
+    }
+}
