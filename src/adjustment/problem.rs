@@ -122,7 +122,7 @@ pub struct DistanceObservation {
 
 /// Where image residuals are formed: computed minus measured, px.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "snake_case")]
 pub enum ResidualPlane {
     /// In the picture as it was measured, where the errors of measurement are.
     #[default]

@@ -9,7 +9,8 @@ use rand_chacha::ChaCha8Rng;
 use super::equations::State;
 use super::{
     Adjustment, AdjustmentError, BundleProblem, BundleSettings, CameraBlock, Datum,
-    DistanceObservation, ImageObservation, ParameterState, PointBlock, StationBlock, adjust,
+    DistanceObservation, ImageObservation, ParameterState, PointBlock, ResidualPlane, StationBlock,
+    adjust,
 };
 use crate::camera::InteriorOrientation;
 use crate::camera::fixture::wide_angle_camera;

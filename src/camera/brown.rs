@@ -14,6 +14,8 @@ pub(super) struct Brown {
     tangential: [f64; 2],
     squares: f64,
     balance: f64,
+    /// What was done to the point before, with the point as it was.
+    before: Option<(Matrix2<f64>, Vector2<f64>)>,
     /// The distorted point.
     pub(super) value: Vector2<f64>,
     /// Its derivative by the point.
@@ -43,6 +45,7 @@ impl Brown {
             tangential,
             squares: s,
             balance,
+            before: None,
             value: Vector2::new(
                 u + u * rad + p1 * (s + 2.0 * u * u) + 2.0 * p2 * u * v + b1 * u + b2 * v,
                 v + v * rad + p2 * (s + 2.0 * v * v) + 2.0 * p1 * u * v,
@@ -56,6 +59,22 @@ impl Brown {
         }
     }
 
+    /// The affinity applied first, the rest of the polynomial at the place that it gives.
+    pub(super) fn after_affinity(lens: &InteriorOrientation, point: &Vector2<f64>) -> Self {
+        let [b1, b2] = lens.affinity;
+        let affinity = Matrix2::new(1.0 + b1, b2, 0.0, 1.0);
+        let rest = InteriorOrientation {
+            affinity: [0.0; 2],
+            ..*lens
+        };
+        let there = Self::at(&rest, 0.0, &(affinity * point));
+        Self {
+            by_point: there.by_point * affinity,
+            before: Some((affinity, *point)),
+            ..there
+        }
+    }
+
     /// Derivative by K1, K2, K3, P1, P2, B1, B2 in the columns 3 to 9 of the ten parameters; the others are zero.
     pub(super) fn by_coefficients(&self) -> SMatrix<f64, 2, 10> {
         let Self { u, v, .. } = *self;
@@ -63,10 +82,18 @@ impl Brown {
         let radial = [s - b, s * s - b * b, s * s * s - b * b * b];
         let [k1, k2, k3] = radial;
         #[rustfmt::skip]
-        let rows = SMatrix::<f64, 2, 10>::from_row_slice(&[
+        let mut rows = SMatrix::<f64, 2, 10>::from_row_slice(&[
             0.0, 0.0, 0.0, u * k1, u * k2, u * k3, s + 2.0 * u * u, 2.0 * u * v, u, v,
             0.0, 0.0, 0.0, v * k1, v * k2, v * k3, 2.0 * u * v, s + 2.0 * v * v, 0.0, 0.0,
         ]);
+        if let Some((affinity, point)) = &self.before
+            && let Some(back) = affinity.try_inverse()
+        {
+            // By the place that the affinity gives.
+            let along = self.by_point * back.column(0);
+            rows.set_column(8, &(along * point.x));
+            rows.set_column(9, &(along * point.y));
+        }
         rows
     }
 
@@ -86,9 +113,13 @@ impl Brown {
         let across = |u: f64, v: f64| 2.0 * u * first + 4.0 * u * v * v * second;
         let of_u = mixed(u, v) + 2.0 * p2;
         let of_v = mixed(v, u) + 2.0 * p1;
-        [
+        let bent = [
             Matrix2::new(along(u) + 6.0 * p1, of_u, of_u, across(u, v) + 2.0 * p1),
             Matrix2::new(across(v, u) + 2.0 * p2, of_v, of_v, along(v) + 6.0 * p2),
-        ]
+        ];
+        match &self.before {
+            Some((affinity, _)) => bent.map(|of| affinity.transpose() * of * affinity),
+            None => bent,
+        }
     }
 }

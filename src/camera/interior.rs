@@ -10,12 +10,15 @@ pub const INTERIOR_NAMES: [&str; 10] = ["c", "x0", "y0", "K1", "K2", "K3", "P1",
 
 /// Which image point the distortion is a function of.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum LensDirection {
     /// Of the measured point: `ideal = measured - (x0, y0) + correction(measured - (x0, y0))`, as photogrammetry has it (Brown, 1971;
     /// Fraser, 1997).
     #[default]
     Correcting,
+    /// The same with the affinity first: `B1 xb + B2 yb` is added to `xb` before the radial and decentring correction is taken there, as
+    /// DBAT's model 3 has it (Börlin and Grussenmeyer, 2013).
+    CorrectingAffinityFirst,
     /// Of the ideal point: `measured = ideal + (x0, y0) + distortion(ideal)`, as AICON, OpenCV and COLMAP have it.
     Displacing {
         /// Radius at which the radial distortion is balanced to zero, mm: `r^2n - R0^2n` stands for `r^2n`; 0 for none.
@@ -131,7 +134,9 @@ impl InteriorOrientation {
     pub fn ideal_from_measured(&self, measured: &Vector2<f64>) -> Vector2<f64> {
         let from_point = measured - Vector2::from(self.principal_point);
         match self.direction {
-            LensDirection::Correcting => self.brown(&from_point).value,
+            LensDirection::Correcting | LensDirection::CorrectingAffinityFirst => {
+                self.brown(&from_point).value
+            }
             LensDirection::Displacing { .. } => match self.other_side(&from_point, from_point) {
                 Ok(ideal) | Err(ideal) => ideal,
             },
@@ -143,7 +148,7 @@ impl InteriorOrientation {
     pub fn correction(&self, measured: &Vector2<f64>) -> Option<Correction> {
         let from_point = measured - Vector2::from(self.principal_point);
         match self.direction {
-            LensDirection::Correcting => {
+            LensDirection::Correcting | LensDirection::CorrectingAffinityFirst => {
                 let brown = self.brown(&from_point);
                 let mut by_interior = brown.by_coefficients();
                 by_interior
@@ -173,7 +178,7 @@ impl InteriorOrientation {
     #[must_use]
     pub fn displacement(&self, ideal: &Vector2<f64>) -> Option<Displacement> {
         match self.direction {
-            LensDirection::Correcting => {
+            LensDirection::Correcting | LensDirection::CorrectingAffinityFirst => {
                 let measured = self.measured_from_ideal(ideal)?;
                 let back = self.correction(&measured)?;
                 let by_ideal = back.by_measured.try_inverse()?;
@@ -197,7 +202,9 @@ impl InteriorOrientation {
     pub fn measured_from_ideal(&self, ideal: &Vector2<f64>) -> Option<Vector2<f64>> {
         let principal_point = Vector2::from(self.principal_point);
         let from_point = match self.direction {
-            LensDirection::Correcting => self.other_side(ideal, *ideal).ok()?,
+            LensDirection::Correcting | LensDirection::CorrectingAffinityFirst => {
+                self.other_side(ideal, *ideal).ok()?
+            }
             LensDirection::Displacing { .. } => {
                 let brown = self.brown(ideal);
                 (brown.by_point.determinant() > 0.0).then_some(brown.value)?
@@ -213,7 +220,7 @@ impl InteriorOrientation {
     #[must_use]
     pub fn curvature(&self, point: &ImagePoint) -> Option<[Matrix2<f64>; 2]> {
         match self.direction {
-            LensDirection::Correcting => {
+            LensDirection::Correcting | LensDirection::CorrectingAffinityFirst => {
                 let from_point = point.measured - Vector2::from(self.principal_point);
                 Some(self.brown(&from_point).curvature())
             }
@@ -242,11 +249,13 @@ impl InteriorOrientation {
     }
 
     fn brown(&self, from_point: &Vector2<f64>) -> Brown {
-        let balanced_radius = match self.direction {
-            LensDirection::Correcting => 0.0,
-            LensDirection::Displacing { balanced_radius_mm } => balanced_radius_mm,
-        };
-        Brown::at(self, balanced_radius, from_point)
+        match self.direction {
+            LensDirection::Correcting => Brown::at(self, 0.0, from_point),
+            LensDirection::CorrectingAffinityFirst => Brown::after_affinity(self, from_point),
+            LensDirection::Displacing { balanced_radius_mm } => {
+                Brown::at(self, balanced_radius_mm, from_point)
+            }
+        }
     }
 
     /// The point whose distorted place is `distorted`, by Newton's method; the last one where it does not come there.
@@ -293,6 +302,7 @@ mod tests {
     fn any_direction() -> impl Strategy<Value = LensDirection> {
         prop_oneof![
             Just(LensDirection::Correcting),
+            Just(LensDirection::CorrectingAffinityFirst),
             (0.0..15.0)
                 .prop_map(|balanced_radius_mm| LensDirection::Displacing { balanced_radius_mm }),
         ]

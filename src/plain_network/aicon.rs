@@ -6,10 +6,11 @@ use nalgebra::{Vector2, Vector3};
 
 use super::rows::Row;
 use super::{
-    DatumPoints, ImportError, ImportPlace, LensDirection, NamedText, PlainCamera, PlainDatum,
-    PlainDistance, PlainImage, PlainNetwork, PlainObservation, PlainParameter, PlainPoint,
-    ResidualPlane,
+    DatumPoints, ImportError, ImportPlace, NamedText, PlainCamera, PlainDatum, PlainDistance,
+    PlainImage, PlainNetwork, PlainObservation, PlainParameter, PlainPoint,
 };
+use crate::adjustment::ResidualPlane;
+use crate::camera::LensDirection;
 use crate::geometry::{OmegaPhiKappa, Pose};
 use crate::network::BarRole;
 

@@ -4,10 +4,11 @@ use std::collections::BTreeSet;
 
 use super::error::quote;
 use super::{
-    DatumPoints, LensDirection, PlainCamera, PlainDatum, PlainDistance, PlainImage, PlainNetwork,
+    DatumPoints, PlainCamera, PlainDatum, PlainDistance, PlainImage, PlainNetwork,
     PlainObservation, PlainParameter, PlainPoint, PointRole,
 };
 use crate::camera::INTERIOR_NAMES;
+use crate::camera::LensDirection;
 
 /// What is wrong with a network; its `Display` is one line.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

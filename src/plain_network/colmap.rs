@@ -9,8 +9,9 @@ use super::colmap_lens::read_camera;
 use super::rows::is_comment;
 use super::{
     DatumPoints, ImportError, ImportPlace, NamedText, PlainDatum, PlainImage, PlainNetwork,
-    PlainObservation, PlainPoint, ResidualPlane,
+    PlainObservation, PlainPoint,
 };
+use crate::adjustment::ResidualPlane;
 use crate::geometry::Pose;
 
 /// Sigma of every image coordinate, px: COLMAP weights all keypoints alike and gives them no sigma.

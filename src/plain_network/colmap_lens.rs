@@ -12,7 +12,8 @@
 use super::check::NetworkFault;
 use super::error::quote;
 use super::rows::Row;
-use super::{ImportError, LensDirection, PlainCamera, PlainParameter};
+use super::{ImportError, PlainCamera, PlainParameter};
+use crate::camera::LensDirection;
 
 /// Side of a pixel that is assumed, mm; COLMAP knows pixels only, and every millimetre in the image scales with this.
 pub const COLMAP_PITCH_MM: f64 = 0.005;
@@ -208,12 +209,14 @@ pub(super) fn camera_line(camera: &PlainCamera) -> Result<String, NetworkFault> 
     let distorts = [k1, k2, k3, p1, p2].iter().any(|value| *value != 0.0);
     let r0 = match camera.lens {
         LensDirection::Displacing { balanced_radius_mm } => balanced_radius_mm,
-        LensDirection::Correcting if distorts || b1 != 0.0 || b2 != 0.0 => {
+        LensDirection::Correcting | LensDirection::CorrectingAffinityFirst
+            if distorts || b1 != 0.0 || b2 != 0.0 =>
+        {
             let found = "a distortion that corrects the measured point";
             let expected = "one that displaces the ideal point, or none";
             return Err(NetworkFault::new(about, found, expected));
         }
-        LensDirection::Correcting => 0.0,
+        LensDirection::Correcting | LensDirection::CorrectingAffinityFirst => 0.0,
     };
     let misfit = misfit_px(camera);
     if misfit > LARGEST_MISFIT_WRITTEN_PX {

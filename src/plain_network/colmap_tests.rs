@@ -4,8 +4,9 @@ use nalgebra::Vector2;
 use proptest::prelude::*;
 
 use super::super::fixture::{displaced, ideal, small_network};
-use super::super::{ColmapFiles, LensDirection, PlainCamera, PlainParameter, to_colmap};
+use super::super::{ColmapFiles, PlainCamera, PlainParameter, to_colmap};
 use super::*;
+use crate::camera::LensDirection;
 
 fn read(cameras: &str, images: &str, points: &str) -> Result<PlainNetwork, ImportError> {
     let named = |file, text| NamedText { file, text };

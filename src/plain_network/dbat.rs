@@ -8,8 +8,9 @@ use super::dbat_camera::read_camera;
 use super::rows::{Row, is_comment};
 use super::{
     DatumPoints, ImportError, Known, NamedText, PlainDatum, PlainImage, PlainNetwork,
-    PlainObservation, PlainPoint, PointRole, ResidualPlane,
+    PlainObservation, PlainPoint, PointRole,
 };
+use crate::adjustment::ResidualPlane;
 use crate::geometry::{OmegaPhiKappa, Pose};
 
 /// Sigma of an image coordinate where the file gives none, px.

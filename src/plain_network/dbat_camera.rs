@@ -1,7 +1,8 @@
 //! The camera file of DBAT: as much of its XML as a camera needs.
 
 use super::error::quote;
-use super::{ImportError, ImportPlace, LensDirection, NamedText, PlainCamera, PlainParameter};
+use super::{ImportError, ImportPlace, NamedText, PlainCamera, PlainParameter};
+use crate::camera::LensDirection;
 
 /// The lens model that corrects the measured point; DBAT numbers others that this program does not have.
 const CORRECTING_MODEL: &str = "3";
@@ -58,7 +59,7 @@ pub(super) fn read_camera(source: NamedText<'_>) -> Result<PlainCamera, ImportEr
         width_px,
         height_px,
         pixel_pitch_mm: pitch,
-        lens: LensDirection::Correcting,
+        lens: LensDirection::CorrectingAffinityFirst,
         values: [c, x0, y0, k1, k2, k3, p1, p2, aspect - 1.0, 0.0],
         parameters,
     })

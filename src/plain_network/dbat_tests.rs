@@ -2,10 +2,11 @@
 
 use nalgebra::Vector2;
 
+use super::super::PlainParameter;
 use super::super::fixture::{assert_comes_back, rms};
 use super::super::real_data::{data, say, text_of};
-use super::super::{LensDirection, PlainParameter};
 use super::*;
+use crate::camera::LensDirection;
 use crate::camera::{Camera, InteriorOrientation};
 
 const XML: &str = "<document><camera><name>Olympus</name><unit>mm</unit>\n<sensor>auto,6</sensor>\n<image>2400,1600</image>\n<aspect>1</aspect><focal>7.5</focal><model>3</model>\n<nK>2</nK><nP>2</nP><cc>0,0</cc><pp>0,0</pp>\n<!-- <K>9,9,9</K> --><K>1e-3,0,0</K><P>0,0</P><calibration_info><std><K>1,1,1</K></std></calibration_info></camera></document>";
@@ -46,7 +47,7 @@ fn a_project_is_read() {
     assert_eq!(network.observations[1].sigma_px, DBAT_SIGMA_PX);
     assert_eq!(network.residuals, ResidualPlane::Corrected);
     let camera = &network.cameras[0];
-    assert_eq!(camera.lens, LensDirection::Correcting);
+    assert_eq!(camera.lens, LensDirection::CorrectingAffinityFirst);
     assert_eq!(camera.values[..4], [7.5, 0.0, 0.0, 1e-3]);
     assert_eq!(camera.pixel_pitch_mm, 0.00375);
     let free = camera.parameters.map(|p| p == PlainParameter::Free);
@@ -192,6 +193,7 @@ fn the_published_calibration_projects_the_control_points_onto_their_marks() {
             radial: [0.00458861, -4.51351e-5, -2.05253e-6],
             tangential: [-6.12803e-5, -4.41172e-5],
             affinity: [0.000389598, 0.0],
+            direction: LensDirection::Correcting,
         },
     };
     let ours = control_residuals(&network, &camera, |measured| {

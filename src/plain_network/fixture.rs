@@ -5,10 +5,11 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::{
-    DatumPoints, Known, LensDirection, NamedText, PlainCamera, PlainDatum, PlainDistance,
-    PlainImage, PlainNetwork, PlainObservation, PlainParameter, PlainPoint, PointRole,
-    ResidualPlane, from_json, to_json,
+    DatumPoints, Known, NamedText, PlainCamera, PlainDatum, PlainDistance, PlainImage,
+    PlainNetwork, PlainObservation, PlainParameter, PlainPoint, PointRole, from_json, to_json,
 };
+use crate::adjustment::ResidualPlane;
+use crate::camera::LensDirection;
 use crate::geometry::Pose;
 use crate::network::BarRole;
 

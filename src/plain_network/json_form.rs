@@ -7,7 +7,8 @@ use serde::de::{self, SeqAccess, Visitor};
 use serde::ser::SerializeSeq;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use super::{LensDirection, ResidualPlane};
+use crate::adjustment::ResidualPlane;
+use crate::camera::LensDirection;
 use crate::network::BarRole;
 
 /// What the file calls itself.

@@ -15,6 +15,7 @@
 //!
 //! Invariant: a network that came out of a reader satisfies [`PlainNetwork::check`].
 
+mod adjust;
 mod aicon;
 mod check;
 mod colmap;
@@ -25,9 +26,10 @@ mod dbat_camera;
 mod error;
 mod json;
 mod json_form;
-mod lens;
 mod model;
 mod rows;
+mod starts;
+mod usable;
 
 #[cfg(test)]
 mod damaged;
@@ -36,6 +38,7 @@ mod fixture;
 #[cfg(test)]
 mod real_data;
 
+pub use adjust::{PlainAdjustment, PlainError, PlainSettings};
 pub use aicon::{AICON_SIGMA_MM, AiconTexts, from_aicon};
 pub use check::NetworkFault;
 pub use colmap::{COLMAP_PITCH_MM, COLMAP_SIGMA_PX, ColmapTexts, from_colmap};
@@ -43,7 +46,6 @@ pub use colmap_export::{ColmapFiles, to_colmap};
 pub use dbat::{DBAT_SIGMA_PX, DbatTexts, from_dbat};
 pub use error::{ImportError, ImportPlace, NamedText};
 pub use json::{from_json, to_json};
-pub use lens::{LensDirection, ResidualPlane};
 pub use model::{
     DatumPoints, Known, PlainCamera, PlainDatum, PlainDistance, PlainImage, PlainNetwork,
     PlainObservation, PlainParameter, PlainPoint, PointRole,

@@ -2,7 +2,8 @@
 
 use nalgebra::Vector2;
 
-use super::{LensDirection, ResidualPlane};
+use crate::adjustment::ResidualPlane;
+use crate::camera::LensDirection;
 use crate::geometry::Pose;
 use crate::network::BarRole;
 
