@@ -14,12 +14,25 @@ pub(super) struct Brown {
     tangential: [f64; 2],
     squares: f64,
     balance: f64,
-    /// What was done to the point before, with the point as it was.
-    before: Option<(Matrix2<f64>, Vector2<f64>)>,
+    affinity: Affinity,
     /// The distorted point.
     pub(super) value: Vector2<f64>,
     /// Its derivative by the point.
     pub(super) by_point: Matrix2<f64>,
+}
+
+/// Where the affinity acts.
+enum Affinity {
+    /// With the rest.
+    Beside,
+    /// On the point before the rest, with the point as it was.
+    Before(Matrix2<f64>, Vector2<f64>),
+    /// On what the rest gives, with that.
+    After(Matrix2<f64>, Vector2<f64>),
+}
+
+fn affinity([b1, b2]: [f64; 2]) -> Matrix2<f64> {
+    Matrix2::new(1.0 + b1, b2, 0.0, 1.0)
 }
 
 impl Brown {
@@ -45,7 +58,7 @@ impl Brown {
             tangential,
             squares: s,
             balance,
-            before: None,
+            affinity: Affinity::Beside,
             value: Vector2::new(
                 u + u * rad + p1 * (s + 2.0 * u * u) + 2.0 * p2 * u * v + b1 * u + b2 * v,
                 v + v * rad + p2 * (s + 2.0 * v * v) + 2.0 * p1 * u * v,
@@ -61,16 +74,23 @@ impl Brown {
 
     /// The affinity applied first, the rest of the polynomial at the place that it gives.
     pub(super) fn after_affinity(lens: &InteriorOrientation, point: &Vector2<f64>) -> Self {
-        let [b1, b2] = lens.affinity;
-        let affinity = Matrix2::new(1.0 + b1, b2, 0.0, 1.0);
-        let rest = InteriorOrientation {
-            affinity: [0.0; 2],
-            ..*lens
-        };
-        let there = Self::at(&rest, 0.0, &(affinity * point));
+        let affinity = affinity(lens.affinity);
+        let there = Self::at(&without_affinity(lens), 0.0, &(affinity * point));
         Self {
             by_point: there.by_point * affinity,
-            before: Some((affinity, *point)),
+            affinity: Affinity::Before(affinity, *point),
+            ..there
+        }
+    }
+
+    /// The affinity applied to what the rest of the polynomial gives.
+    pub(super) fn before_affinity(lens: &InteriorOrientation, point: &Vector2<f64>) -> Self {
+        let affinity = affinity(lens.affinity);
+        let there = Self::at(&without_affinity(lens), 0.0, point);
+        Self {
+            value: affinity * there.value,
+            by_point: affinity * there.by_point,
+            affinity: Affinity::After(affinity, there.value),
             ..there
         }
     }
@@ -86,13 +106,21 @@ impl Brown {
             0.0, 0.0, 0.0, u * k1, u * k2, u * k3, s + 2.0 * u * u, 2.0 * u * v, u, v,
             0.0, 0.0, 0.0, v * k1, v * k2, v * k3, 2.0 * u * v, s + 2.0 * v * v, 0.0, 0.0,
         ]);
-        if let Some((affinity, point)) = &self.before
-            && let Some(back) = affinity.try_inverse()
-        {
-            // By the place that the affinity gives.
-            let along = self.by_point * back.column(0);
-            rows.set_column(8, &(along * point.x));
-            rows.set_column(9, &(along * point.y));
+        match &self.affinity {
+            Affinity::Beside => {}
+            Affinity::Before(affinity, point) => {
+                if let Some(back) = affinity.try_inverse() {
+                    // By the place that the affinity gives.
+                    let along = self.by_point * back.column(0);
+                    rows.set_column(8, &(along * point.x));
+                    rows.set_column(9, &(along * point.y));
+                }
+            }
+            Affinity::After(affinity, distorted) => {
+                rows = affinity * rows;
+                rows.set_column(8, &Vector2::new(distorted.x, 0.0));
+                rows.set_column(9, &Vector2::new(distorted.y, 0.0));
+            }
         }
         rows
     }
@@ -117,9 +145,19 @@ impl Brown {
             Matrix2::new(along(u) + 6.0 * p1, of_u, of_u, across(u, v) + 2.0 * p1),
             Matrix2::new(across(v, u) + 2.0 * p2, of_v, of_v, along(v) + 6.0 * p2),
         ];
-        match &self.before {
-            Some((affinity, _)) => bent.map(|of| affinity.transpose() * of * affinity),
-            None => bent,
+        match &self.affinity {
+            Affinity::Beside => bent,
+            Affinity::Before(affinity, _) => bent.map(|of| affinity.transpose() * of * affinity),
+            Affinity::After(affinity, _) => {
+                std::array::from_fn(|k| bent[0] * affinity[(k, 0)] + bent[1] * affinity[(k, 1)])
+            }
         }
+    }
+}
+
+fn without_affinity(lens: &InteriorOrientation) -> InteriorOrientation {
+    InteriorOrientation {
+        affinity: [0.0; 2],
+        ..*lens
     }
 }

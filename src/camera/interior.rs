@@ -19,11 +19,14 @@ pub enum LensDirection {
     /// The same with the affinity first: `B1 xb + B2 yb` is added to `xb` before the radial and decentring correction is taken there, as
     /// DBAT's model 3 has it (Börlin and Grussenmeyer, 2013).
     CorrectingAffinityFirst,
-    /// Of the ideal point: `measured = ideal + (x0, y0) + distortion(ideal)`, as AICON, OpenCV and COLMAP have it.
+    /// Of the ideal point: `measured = ideal + (x0, y0) + distortion(ideal)`, as AICON has it.
     Displacing {
         /// Radius at which the radial distortion is balanced to zero, mm: `r^2n - R0^2n` stands for `r^2n`; 0 for none.
         balanced_radius_mm: f64,
     },
+    /// Of the ideal point with the affinity last: `B1 x + B2 y` of the distorted point is added to its `x`, so that two focal lengths
+    /// act as OpenCV and COLMAP have them.
+    DisplacingAffinityLast,
 }
 
 impl LensDirection {
@@ -137,9 +140,11 @@ impl InteriorOrientation {
             LensDirection::Correcting | LensDirection::CorrectingAffinityFirst => {
                 self.brown(&from_point).value
             }
-            LensDirection::Displacing { .. } => match self.other_side(&from_point, from_point) {
-                Ok(ideal) | Err(ideal) => ideal,
-            },
+            LensDirection::Displacing { .. } | LensDirection::DisplacingAffinityLast => {
+                match self.other_side(&from_point, from_point) {
+                    Ok(ideal) | Err(ideal) => ideal,
+                }
+            }
         }
     }
 
@@ -160,7 +165,7 @@ impl InteriorOrientation {
                     by_interior,
                 })
             }
-            LensDirection::Displacing { .. } => {
+            LensDirection::Displacing { .. } | LensDirection::DisplacingAffinityLast => {
                 let ideal = self.other_side(&from_point, from_point).ok()?;
                 let there = self.displacement_by_brown(&ideal);
                 let by_measured = there.by_ideal.try_inverse()?;
@@ -188,7 +193,7 @@ impl InteriorOrientation {
                     by_interior: -by_ideal * back.by_interior,
                 })
             }
-            LensDirection::Displacing { .. } => {
+            LensDirection::Displacing { .. } | LensDirection::DisplacingAffinityLast => {
                 let there = self.displacement_by_brown(ideal);
                 (there.by_ideal.determinant() > 0.0).then_some(there)
             }
@@ -205,7 +210,7 @@ impl InteriorOrientation {
             LensDirection::Correcting | LensDirection::CorrectingAffinityFirst => {
                 self.other_side(ideal, *ideal).ok()?
             }
-            LensDirection::Displacing { .. } => {
+            LensDirection::Displacing { .. } | LensDirection::DisplacingAffinityLast => {
                 let brown = self.brown(ideal);
                 (brown.by_point.determinant() > 0.0).then_some(brown.value)?
             }
@@ -224,7 +229,7 @@ impl InteriorOrientation {
                 let from_point = point.measured - Vector2::from(self.principal_point);
                 Some(self.brown(&from_point).curvature())
             }
-            LensDirection::Displacing { .. } => {
+            LensDirection::Displacing { .. } | LensDirection::DisplacingAffinityLast => {
                 let brown = self.brown(&point.ideal);
                 let back = brown.by_point.try_inverse()?;
                 let bent = brown.curvature().map(|of| back.transpose() * of * back);
@@ -255,6 +260,7 @@ impl InteriorOrientation {
             LensDirection::Displacing { balanced_radius_mm } => {
                 Brown::at(self, balanced_radius_mm, from_point)
             }
+            LensDirection::DisplacingAffinityLast => Brown::before_affinity(self, from_point),
         }
     }
 
@@ -303,6 +309,7 @@ mod tests {
         prop_oneof![
             Just(LensDirection::Correcting),
             Just(LensDirection::CorrectingAffinityFirst),
+            Just(LensDirection::DisplacingAffinityLast),
             (0.0..15.0)
                 .prop_map(|balanced_radius_mm| LensDirection::Displacing { balanced_radius_mm }),
         ]
@@ -352,8 +359,8 @@ mod tests {
                 let there = sides.map(|lens| lens.measured_from_ideal(&correction.ideal).unwrap());
                 for (ends, derivative) in [(ideal, correction.by_interior), (there, displacement.by_interior)] {
                     let derivative = derivative.column(parameter);
-                    // Rounding: coordinates of some 10 mm carry 1e-13 mm.
-                    prop_assert!(((ends[0] - ends[1]) / (2.0 * h) - derivative).norm() < 1e-6 * (1.0 + derivative.norm()) + 1e-13 / h, "{parameter}");
+                    // K3 steps move a corner by 2 um, where the other side bends; the last Newton step is below 1e-13 of 16 mm.
+                    prop_assert!(((ends[0] - ends[1]) / (2.0 * h) - derivative).norm() < 1e-5 * (1.0 + derivative.norm()) + 2e-12 / h, "{parameter}");
                 }
             }
         }

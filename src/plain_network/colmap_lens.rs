@@ -3,11 +3,11 @@
 //! COLMAP distorts the normalised ideal point `u = X/Z`, `v = Y/Z` (z forward, y down) with `r2 = u^2 + v^2`,
 //! `du = u (k1 r2 + k2 r2^2 + k3 r2^3) + 2 p1 u v + p2 (r2 + 2 u^2)`,
 //! `dv = v (k1 r2 + k2 r2^2 + k3 r2^3) + 2 p2 u v + p1 (r2 + 2 v^2)`, then scales to pixels by fx and fy
-//! (`src/colmap/sensor/models.h`). With `px = c u`, `py = -c v` this is [`LensDirection::Displacing`] with
+//! (`src/colmap/sensor/models.h`). With `px = c u`, `py = -c v` this is [`LensDirection::DisplacingAffinityLast`] with
 //! `K1 = k1 / c^2`, `K2 = k2 / c^4`, `K3 = k3 / c^6`, `P1 = p2 / c`, `P2 = -p1 / c`.
 //!
-//! fx scales the distortion too, B1 the ideal point only: where both are there, `(fx / fy - 1) fy du` pixels are not
-//! represented. That is refused where it is larger than a stated share of a pixel at the corners of the image.
+//! fx scales the distortion too: a lens whose affinity acts beside its distortion is off by `(fx / fy - 1) fy du` pixels, and COLMAP has
+//! no shear. Either is refused where it is larger than a stated share of a pixel at the corners of the image.
 
 use super::check::NetworkFault;
 use super::error::quote;
@@ -18,8 +18,6 @@ use crate::camera::LensDirection;
 /// Side of a pixel that is assumed, mm; COLMAP knows pixels only, and every millimetre in the image scales with this.
 pub const COLMAP_PITCH_MM: f64 = 0.005;
 
-/// Largest misfit of a camera that is read, px; its parameters are starting values of an adjustment.
-const LARGEST_MISFIT_READ_PX: f64 = 1.0;
 /// Largest misfit of a camera that is written, px; the other program takes it as it stands.
 const LARGEST_MISFIT_WRITTEN_PX: f64 = 0.001;
 
@@ -104,14 +102,7 @@ pub(super) fn read_camera(row: &Row<'_>) -> Result<PlainCamera, ImportError> {
             }
         }
     }
-    let camera = terms.camera(row.text(0, "camera")?, sides);
-    let misfit = misfit_px(&camera);
-    if misfit > LARGEST_MISFIT_READ_PX {
-        let found = format!("fx and fy so different that the lens is off by {misfit:.2} px");
-        let expected = format!("less than {LARGEST_MISFIT_READ_PX} px");
-        return Err(row.unexpected(found, expected));
-    }
-    Ok(camera)
+    Ok(terms.camera(row.text(0, "camera")?, sides))
 }
 
 impl Terms {
@@ -148,9 +139,7 @@ impl Terms {
             width_px,
             height_px,
             pixel_pitch_mm: pitch,
-            lens: LensDirection::Displacing {
-                balanced_radius_mm: 0.0,
-            },
+            lens: LensDirection::DisplacingAffinityLast,
             values: [
                 c,
                 (zero(self.cx) - f64::from(width_px) / 2.0) * pitch,
@@ -190,7 +179,11 @@ fn misfit_px(camera: &PlainCamera) -> f64 {
         let r2 = x * x + y * y;
         let radial = r2 * (k1 + r2 * (k2 + r2 * k3));
         let distortion = x * radial + p1 * (r2 + 2.0 * x * x) + 2.0 * p2 * x * y;
-        largest = largest.max((b1 * distortion).abs() + (b2 * y).abs());
+        let by_b1 = match camera.lens {
+            LensDirection::DisplacingAffinityLast => 0.0,
+            _ => b1 * distortion,
+        };
+        largest = largest.max(by_b1.abs() + (b2 * y).abs());
     }
     largest / camera.pixel_pitch_mm
 }
@@ -209,6 +202,7 @@ pub(super) fn camera_line(camera: &PlainCamera) -> Result<String, NetworkFault> 
     let distorts = [k1, k2, k3, p1, p2].iter().any(|value| *value != 0.0);
     let r0 = match camera.lens {
         LensDirection::Displacing { balanced_radius_mm } => balanced_radius_mm,
+        LensDirection::DisplacingAffinityLast => 0.0,
         LensDirection::Correcting | LensDirection::CorrectingAffinityFirst
             if distorts || b1 != 0.0 || b2 != 0.0 =>
         {

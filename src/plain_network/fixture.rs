@@ -166,23 +166,27 @@ pub(super) fn assert_comes_back(network: &PlainNetwork) {
     assert_eq!(back.as_ref(), Ok(network));
 }
 
-/// The measured image point (mm from the image centre) of an ideal one of a displacing lens, term by term as
-/// [`LensDirection::Displacing`] writes it.
+/// The measured image point (mm from the image centre) of an ideal one of a displacing lens, term by term as [`LensDirection`]
+/// writes it.
 pub(super) fn displaced(camera: &PlainCamera, ideal: &Vector2<f64>) -> Vector2<f64> {
-    let LensDirection::Displacing {
-        balanced_radius_mm: r0,
-    } = camera.lens
-    else {
-        panic!("a displacing lens");
-    };
     let [_, x0, y0, k1, k2, k3, p1, p2, b1, b2] = camera.values;
+    let (r0, is_last) = match camera.lens {
+        LensDirection::Displacing { balanced_radius_mm } => (balanced_radius_mm, false),
+        LensDirection::DisplacingAffinityLast => (0.0, true),
+        other => panic!("{other:?} is no displacing lens"),
+    };
     let (x, y) = (ideal.x, ideal.y);
     let r2 = x * x + y * y;
     let f =
         k1 * (r2 - r0.powi(2)) + k2 * (r2.powi(2) - r0.powi(4)) + k3 * (r2.powi(3) - r0.powi(6));
+    let distorted = Vector2::new(
+        x + x * f + p1 * (r2 + 2.0 * x * x) + 2.0 * p2 * x * y,
+        y + y * f + p2 * (r2 + 2.0 * y * y) + 2.0 * p1 * x * y,
+    );
+    let stretched = if is_last { distorted } else { *ideal };
     Vector2::new(
-        x0 + x + x * f + p1 * (r2 + 2.0 * x * x) + 2.0 * p2 * x * y + b1 * x + b2 * y,
-        y0 + y + y * f + p2 * (r2 + 2.0 * y * y) + 2.0 * p1 * x * y,
+        x0 + distorted.x + b1 * stretched.x + b2 * stretched.y,
+        y0 + distorted.y,
     )
 }
 
