@@ -40,6 +40,8 @@ enum Command {
     Export(Export),
     /// Compare a project's coordinates with known ones by a best fit.
     Compare(Compare),
+    /// Adjust a network without pictures.
+    Adjust(AdjustArguments),
     /// Write the table of a code family, or sheets of its targets to print.
     Codes(Codes),
 }
@@ -106,6 +108,19 @@ struct Images {
     /// Image files, or folders of images.
     #[arg(long, required = true, num_args = 1..)]
     images: Vec<PathBuf>,
+}
+
+#[derive(Args)]
+struct AdjustArguments {
+    /// File of the network (JSON).
+    #[arg(long)]
+    network: PathBuf,
+    /// Reject image points whose |w| exceeds this, one at a time; without it all are used.
+    #[arg(long, value_name = "W", num_args = 0..=1, default_missing_value = "4")]
+    reject: Option<f64>,
+    /// Print the result as JSON.
+    #[arg(long)]
+    json: bool,
 }
 
 #[derive(Args)]
@@ -347,6 +362,14 @@ fn run(command: Command, monitor: &Monitor) -> Result<(), CommandError> {
                 tiepoint::geometry::Scale::One
             },
             commands::Form::of_json(compare.json),
+        ),
+        Command::Adjust(adjust) => commands::adjust(
+            &commands::AdjustRequest {
+                network: adjust.network,
+                reject: adjust.reject,
+            },
+            commands::Form::of_json(adjust.json),
+            monitor,
         ),
         Command::Codes(codes) => write_codes(codes),
     }

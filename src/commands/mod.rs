@@ -2,6 +2,7 @@
 //!
 //! Deliberately absent: argument parsing (`main.rs`) and measurement (they drive the same session as the window).
 
+mod adjust;
 mod codes;
 mod demo;
 mod detect;
@@ -22,6 +23,7 @@ use crate::project::session::Session;
 use crate::project::storage::StorageError;
 use crate::report::WriteError;
 
+pub use adjust::{AdjustRequest, adjust};
 pub use codes::{SheetRequest, codes, codes_sheet};
 pub use demo::{DemoCross, DemoRequest, PreparedDemo, demo, prepare_demo};
 pub use detect::{DetectRequest, detect};

@@ -38,6 +38,9 @@ use crate::geometry::Pose;
 /// are 0, `free` and `weighted` (the parameter is fixed), the camera of an image if there is only one, starts, `known`
 /// with the `sigma_mm` in it (the coordinate is fixed) and `role` (control where something is known). Other keys are refused.
 ///
+/// `lens` is one of `"correcting"`, `"correcting_affinity_first"`, `{"displacing": {"balanced_radius_mm": R0}}` and
+/// `"displacing_affinity_last"` ([`crate::camera::LensDirection`]).
+///
 /// # Errors
 /// [`ImportError`], one line: with line and column where the text is no JSON or a key has the wrong type, with the name
 /// of the thing where a name is unknown, given twice, or a value cannot be what it stands for ([`PlainNetwork::check`]).

@@ -16,6 +16,8 @@
 //! Invariant: a network that came out of a reader satisfies [`PlainNetwork::check`].
 
 mod adjust;
+#[cfg(test)]
+mod adjust_tests;
 mod aicon;
 mod check;
 mod colmap;

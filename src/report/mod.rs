@@ -15,6 +15,7 @@ mod file;
 #[cfg(test)]
 pub(crate) mod fixture;
 mod overlay;
+mod plain_network;
 mod sheet_pdf;
 mod sheet_svg;
 mod summary;
@@ -32,6 +33,9 @@ pub use detect::{DetectReport, detect_line};
 pub use export::{NoFigures, export_cameras, export_observations, export_points, export_stations};
 pub use file::{WriteError, write_file};
 pub use overlay::overlay;
+pub use plain_network::{
+    CameraRow, DistanceRow, ImageRow, ObservationRow, ParameterRow, PlainReport, PointRow,
+};
 pub use sheet_pdf::sheet_pdf;
 pub use sheet_svg::sheet_svg;
 pub use summary::{FindingReport, RunSummary, StageRun};

@@ -1,0 +1,271 @@
+//! Networks that are whole, and networks of which a part cannot be adjusted.
+
+use nalgebra::Vector3;
+
+use super::*;
+use crate::camera::LensDirection;
+use crate::geometry::{Pose, Scale, fit_similarity};
+use crate::monitor::Monitor;
+use crate::network::BarRole;
+
+const IMAGES: usize = 8;
+
+fn lens(direction: LensDirection) -> PlainCamera {
+    PlainCamera {
+        name: "A".into(),
+        width_px: 4000,
+        height_px: 3000,
+        pixel_pitch_mm: 0.005,
+        lens: direction,
+        values: [24.0, 0.05, -0.03, 1e-4, -1e-7, 0.0, 1e-6, 2e-6, 1e-4, 0.0],
+        parameters: [PlainParameter::Fixed; 10],
+    }
+}
+
+fn places() -> Vec<Vector3<f64>> {
+    let number = |k: usize, n: usize| (k % n) as f64;
+    (0..30)
+        .map(|k| {
+            Vector3::new(
+                90.0 * number(k, 6),
+                110.0 * number(k / 6, 5),
+                40.0 * number(k, 4),
+            )
+        })
+        .collect()
+}
+
+/// Eight images round thirty points, without noise, a distance, all starts.
+fn network(direction: LensDirection) -> PlainNetwork {
+    let camera = lens(direction);
+    let places = places();
+    let middle = places.iter().sum::<Vector3<f64>>() / places.len() as f64;
+    let mut images = Vec::new();
+    let mut observations = Vec::new();
+    for image in 0..IMAGES {
+        let around = std::f64::consts::TAU * image as f64 / IMAGES as f64;
+        let from = middle + Vector3::new(500.0 * around.cos(), 500.0 * around.sin(), 900.0);
+        let pose = Pose::looking_at(from, middle, Vector3::y(), 1.6 * image as f64);
+        for (point, place) in places.iter().enumerate() {
+            let pixel = camera
+                .camera()
+                .project(&pose.camera_from_point(place))
+                .unwrap();
+            observations.push(PlainObservation {
+                image,
+                point,
+                x_px: pixel.x,
+                y_px: pixel.y,
+                sigma_px: 0.1,
+            });
+        }
+        images.push(PlainImage {
+            name: format!("I{image}"),
+            camera: 0,
+            start: Some(pose),
+        });
+    }
+    let point = |(k, place): (usize, &Vector3<f64>)| {
+        PlainPoint::new(format!("P{k}"), Some((*place).into()))
+    };
+    PlainNetwork {
+        cameras: vec![camera],
+        images,
+        points: places.iter().enumerate().map(point).collect(),
+        observations,
+        distances: vec![PlainDistance {
+            name: "bar".into(),
+            from: 0,
+            to: 29,
+            length_mm: (places[29] - places[0]).norm(),
+            sigma_mm: 0.01,
+            role: BarRole::Control,
+        }],
+        datum: PlainDatum::InnerConstraints(DatumPoints::All),
+        residuals: Default::default(),
+    }
+}
+
+fn adjusted(network: &PlainNetwork) -> PlainAdjustment {
+    network
+        .adjust(&PlainSettings::default(), &Monitor::new())
+        .unwrap()
+}
+
+/// Largest distance from the true places after a best fit without scale, mm.
+fn largest_error(adjusted: &PlainAdjustment) -> f64 {
+    let places = places();
+    let found = adjusted.points.iter().zip(&adjusted.adjustment.points);
+    let pairs: Vec<_> = found
+        .map(|(&k, point)| (point.position, places[k]))
+        .collect();
+    let fit = fit_similarity(&pairs, Scale::One).unwrap();
+    pairs
+        .iter()
+        .map(|(found, truth)| (fit.apply(found) - truth).norm())
+        .fold(0.0, f64::max)
+}
+
+#[test]
+fn without_starts_a_network_begins_with_its_best_pair() {
+    for direction in [
+        LensDirection::Correcting,
+        LensDirection::Displacing {
+            balanced_radius_mm: 8.0,
+        },
+    ] {
+        let mut network = network(direction);
+        for image in &mut network.images {
+            image.start = None;
+        }
+        for point in &mut network.points {
+            point.start = None;
+        }
+        network.cameras[0].parameters[..3].fill(PlainParameter::Free);
+        network.cameras[0].values[0] *= 1.01;
+        let adjusted = adjusted(&network);
+        assert_eq!(adjusted.told, Vec::<String>::new());
+        assert!(
+            largest_error(&adjusted) < 1e-4,
+            "{}",
+            largest_error(&adjusted)
+        );
+        assert!(adjusted.adjustment.sigma0 < 1e-4);
+    }
+}
+
+type Damage = fn(&mut PlainNetwork);
+
+#[test]
+fn what_cannot_take_part_is_told_and_the_rest_is_adjusted() {
+    let cases: [(Damage, &[&str]); 6] = [
+        (
+            |n| n.observations.retain(|o| o.point != 3 || o.image == 0),
+            &["point 'P3': found 1 rays, expected 2 or more: left out"],
+        ),
+        (
+            |n| n.observations.retain(|o| o.image != 2 || o.point < 2),
+            &["image 'I2': found 2 points, expected 3 or more: left out"],
+        ),
+        (
+            |n| {
+                let mut other = n.cameras[0].clone();
+                other.name = "B".into();
+                n.cameras.push(other);
+            },
+            &["camera 'B': found no image of it"],
+        ),
+        (
+            |n| n.distances.clear(),
+            &[
+                "found no distance and no known coordinates: the scale is that of the starting values",
+            ],
+        ),
+        (
+            // Three images see the last ten points alone, the others the rest.
+            |n| n.observations.retain(|o| (o.image < 3) == (o.point >= 20)),
+            &[
+                "images 'I0', 'I1', 'I2': found no point in common with the other images, left out: a block of its own",
+                "distance 'bar': found an end that does not take part: not used",
+            ],
+        ),
+        (
+            |n| {
+                n.images[1].start = None;
+                n.observations.retain(|o| o.image != 1 || o.point < 3);
+            },
+            &["image 'I1': found no starting pose, and its points give none: left out"],
+        ),
+    ];
+    for (damage, lines) in cases {
+        let mut network = network(LensDirection::Correcting);
+        damage(&mut network);
+        let adjusted = adjusted(&network);
+        for line in lines {
+            assert!(
+                adjusted.told.iter().any(|told| told == line),
+                "{line}: {:?}",
+                adjusted.told
+            );
+        }
+        assert!(largest_error(&adjusted) < 1e-4);
+        assert!(adjusted.points.len() >= 20 && adjusted.images.len() >= 5);
+    }
+}
+
+#[test]
+fn what_is_loose_is_named() {
+    let mut network = network(LensDirection::Correcting);
+    // All images from one place, with the principal distance free.
+    let from = Vector3::new(220.0, 220.0, 900.0);
+    for image in &mut network.images {
+        image.start.as_mut().unwrap().centre_in_world = from;
+    }
+    network.observations.clear();
+    for (image, entry) in network.images.iter().enumerate() {
+        for (point, place) in places().iter().enumerate() {
+            let pose = entry.start.unwrap();
+            if let Some(pixel) = network.cameras[0]
+                .camera()
+                .project(&pose.camera_from_point(place))
+            {
+                network.observations.push(PlainObservation {
+                    image,
+                    point,
+                    x_px: pixel.x,
+                    y_px: pixel.y,
+                    sigma_px: 0.1,
+                });
+            }
+        }
+    }
+    let error = network
+        .adjust(&PlainSettings::default(), &Monitor::new())
+        .unwrap_err();
+    assert!(error.to_string().contains("point 'P"), "{error}");
+}
+
+#[test]
+fn a_gross_error_is_rejected_where_that_is_asked_for() {
+    let mut network = network(LensDirection::Correcting);
+    // Noise of a tenth of the sigmas, and one observation off by fifty.
+    for (k, seen) in network.observations.iter_mut().enumerate() {
+        seen.x_px += 0.01 * ((k * 7919) % 13) as f64 / 6.5 - 0.01;
+        seen.y_px += 0.01 * ((k * 104_729) % 11) as f64 / 5.5 - 0.01;
+    }
+    network.observations[77].x_px += 5.0;
+    let settings = PlainSettings {
+        rejection: Some(Default::default()),
+        ..PlainSettings::default()
+    };
+    let robust = network.adjust(&settings, &Monitor::new()).unwrap();
+    assert_eq!(robust.rejected.len(), 1);
+    assert_eq!(robust.observations[robust.rejected[0].index], 77);
+    assert!(adjusted(&network).adjustment.sigma0 > 5.0 * robust.adjustment.sigma0);
+}
+
+#[test]
+fn fixed_control_stays_where_it_is() {
+    let mut network = network(LensDirection::Correcting);
+    network.distances.clear();
+    network.datum = PlainDatum::Control;
+    let places = places();
+    for point in [0, 5, 24, 29, 14] {
+        network.points[point].role = PointRole::Control;
+        network.points[point].known = std::array::from_fn(|axis| {
+            Some(Known {
+                value_mm: places[point][axis],
+                sigma_mm: None,
+            })
+        });
+        network.points[point].start = None;
+    }
+    let adjusted = adjusted(&network);
+    assert_eq!(adjusted.adjustment.datum_defect, 0);
+    for point in [0, 5, 24, 29, 14] {
+        let found = &adjusted.adjustment.points[point];
+        assert!((found.position - places[point]).norm() < 1e-6);
+        assert!(found.sigma_mm().unwrap().max() < 1e-6);
+    }
+    assert!(largest_error(&adjusted) < 1e-4);
+}

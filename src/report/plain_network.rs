@@ -1,0 +1,362 @@
+//! The adjustment of a plain network, for people and for programs.
+
+use std::fmt::Write;
+
+use serde::Serialize;
+
+use crate::adjustment::{ObservationStatus, TerminationKind};
+use crate::camera::INTERIOR_NAMES;
+use crate::geometry::OmegaPhiKappa;
+use crate::plain_network::{PlainAdjustment, PlainDatum, PlainNetwork, PlainParameter};
+
+/// What `adjust --json` tells.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PlainReport {
+    /// Standard deviation of unit weight, without unit.
+    pub sigma0: f64,
+    /// The same as a pixel measure, px.
+    pub sigma0_px: f64,
+    /// Rms residual per coordinate, px.
+    pub rms_px: f64,
+    /// Degrees of freedom.
+    pub redundancy: usize,
+    /// Observed values that were used, known ones among them.
+    pub observations: usize,
+    /// Unknowns.
+    pub unknowns: usize,
+    /// Motions of the network that the observations leave free and the datum fixes.
+    pub datum_defect: usize,
+    /// Steps of the adjustment.
+    pub iterations: usize,
+    /// How it ended: the last change of the observations in sigmas, and its threshold.
+    pub convergence: [f64; 2],
+    /// What the coordinates refer to.
+    pub datum: String,
+    /// Cameras of adjusted images.
+    pub cameras: Vec<CameraRow>,
+    /// Adjusted images.
+    pub images: Vec<ImageRow>,
+    /// Adjusted points.
+    pub points: Vec<PointRow>,
+    /// Distances that took part.
+    pub distances: Vec<DistanceRow>,
+    /// Image points that took part or were rejected.
+    pub image_points: Vec<ObservationRow>,
+    /// What could not take part or should be known.
+    pub findings: Vec<String>,
+}
+
+/// A camera.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct CameraRow {
+    /// Its name.
+    pub camera: String,
+    /// Its parameters.
+    pub parameters: Vec<ParameterRow>,
+}
+
+/// A camera parameter in its unit (mm, mm^-2, mm^-4, mm^-6, mm^-1, none).
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ParameterRow {
+    /// Its name.
+    pub name: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// Its standard deviation; 0 where it was held.
+    pub sigma: f64,
+    /// `free`, `weighted` or `fixed`.
+    pub state: &'static str,
+}
+
+/// An image.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ImageRow {
+    /// Its name.
+    pub image: String,
+    /// Projection centre, mm.
+    pub centre_mm: [f64; 3],
+    /// Omega, phi, kappa, degrees.
+    pub omega_phi_kappa_deg: [f64; 3],
+    /// Rotation from the world into the camera.
+    pub camera_from_world: [[f64; 3]; 3],
+    /// Standard deviations of the centre, mm.
+    pub sigma_mm: [f64; 3],
+    /// Standard deviations of turns about the camera's axes, degrees.
+    pub sigma_turn_deg: [f64; 3],
+}
+
+/// A point.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PointRow {
+    /// Its name.
+    pub point: String,
+    /// Coordinates, mm.
+    pub position_mm: [f64; 3],
+    /// Their standard deviations, mm.
+    pub sigma_mm: [f64; 3],
+    /// Rays used.
+    pub rays: usize,
+}
+
+/// A distance.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DistanceRow {
+    /// Its name.
+    pub distance: String,
+    /// Computed minus measured, mm.
+    pub residual_mm: f64,
+    /// Redundancy number.
+    pub redundancy: f64,
+    /// Normalised residual w (Baarda, 1968).
+    pub test: f64,
+}
+
+/// An image point.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ObservationRow {
+    /// Its image.
+    pub image: String,
+    /// Its point.
+    pub point: String,
+    /// Computed minus measured, px; none where it is not imaged.
+    pub residual_px: Option<[f64; 2]>,
+    /// Redundancy numbers.
+    pub redundancy: [f64; 2],
+    /// The larger normalised residual |w| (Baarda, 1968).
+    pub test: Option<f64>,
+    /// `used` or `rejected`.
+    pub status: &'static str,
+}
+
+impl PlainReport {
+    /// The report of an adjustment of this network.
+    #[must_use]
+    pub fn new(network: &PlainNetwork, adjusted: &PlainAdjustment) -> Self {
+        let a = &adjusted.adjustment;
+        let used = |camera: usize| {
+            adjusted
+                .images
+                .iter()
+                .any(|&i| network.images[i].camera == camera)
+        };
+        let cameras = (0..network.cameras.len())
+            .filter(|&camera| used(camera))
+            .map(|camera| {
+                let own = &network.cameras[camera];
+                let values = a.cameras[camera].camera.interior.to_vector();
+                let parameter = |k: usize| ParameterRow {
+                    name: INTERIOR_NAMES[k],
+                    value: values[k],
+                    sigma: a.cameras[camera].covariance[(k, k)].max(0.0).sqrt(),
+                    state: match own.parameters[k] {
+                        PlainParameter::Fixed => "fixed",
+                        PlainParameter::Free => "free",
+                        PlainParameter::Weighted { .. } => "weighted",
+                    },
+                };
+                CameraRow {
+                    camera: own.name.clone(),
+                    parameters: (0..10).map(parameter).collect(),
+                }
+            });
+        let images = adjusted
+            .images
+            .iter()
+            .zip(&a.stations)
+            .map(|(&image, station)| {
+                let angles = OmegaPhiKappa::from_rotation(&station.pose.camera_from_world);
+                let matrix = station.pose.camera_from_world.matrix();
+                let sigma = |k: usize| station.covariance[(k, k)].max(0.0).sqrt();
+                ImageRow {
+                    image: network.images[image].name.clone(),
+                    centre_mm: station.pose.centre_in_world.into(),
+                    omega_phi_kappa_deg: [angles.omega, angles.phi, angles.kappa]
+                        .map(f64::to_degrees),
+                    camera_from_world: std::array::from_fn(|i| {
+                        std::array::from_fn(|j| matrix[(i, j)])
+                    }),
+                    sigma_mm: [3, 4, 5].map(sigma),
+                    sigma_turn_deg: [0, 1, 2].map(|k| sigma(k).to_degrees()),
+                }
+            });
+        let points = adjusted
+            .points
+            .iter()
+            .zip(&a.points)
+            .filter_map(|(&index, point)| {
+                Some(PointRow {
+                    point: network.points[index].name.clone(),
+                    position_mm: point.position.into(),
+                    sigma_mm: point.sigma_mm()?.into(),
+                    rays: point.rays,
+                })
+            });
+        let distances = adjusted
+            .distances
+            .iter()
+            .zip(&a.distances)
+            .filter_map(|(&index, own)| {
+                let own = own.as_ref()?;
+                Some(DistanceRow {
+                    distance: network.distances[index].name.clone(),
+                    residual_mm: own.residual_mm,
+                    redundancy: own.redundancy,
+                    test: own.normalised,
+                })
+            });
+        let rows = adjusted.observations.iter().zip(&a.observations);
+        let image_points = rows.map(|(&index, own)| ObservationRow {
+            image: network.images[network.observations[index].image]
+                .name
+                .clone(),
+            point: network.points[network.observations[index].point]
+                .name
+                .clone(),
+            residual_px: own.residual_px.map(Into::into),
+            redundancy: own.redundancy.into(),
+            test: own.test(),
+            status: match own.status {
+                ObservationStatus::Used => "used",
+                ObservationStatus::Rejected => "rejected",
+            },
+        });
+        Self {
+            sigma0: a.sigma0,
+            sigma0_px: a.sigma0_px,
+            rms_px: a.rms_px,
+            redundancy: a.redundancy,
+            observations: a.observation_count,
+            unknowns: a.unknown_count,
+            datum_defect: a.datum_defect,
+            iterations: a.iterations,
+            convergence: [a.termination.value, a.termination.threshold],
+            datum: match &network.datum {
+                PlainDatum::Control => "control points".into(),
+                PlainDatum::InnerConstraints(_) => "inner constraints".into(),
+            },
+            cameras: cameras.collect(),
+            images: images.collect(),
+            points: points.collect(),
+            distances: distances.collect(),
+            image_points: image_points.collect(),
+            findings: {
+                let mut findings = adjusted.told.clone();
+                if a.termination.kind != TerminationKind::Converged {
+                    findings.push(format!(
+                        "the adjustment did not converge: its last step changed the observations by {:.1e} sigmas, expected {:.1e}",
+                        a.termination.value, a.termination.threshold
+                    ));
+                }
+                findings
+            },
+        }
+    }
+
+    /// The report for people.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let mut text = String::new();
+        // Writing into a string does not fail.
+        let _ = self.write(&mut text);
+        text
+    }
+
+    fn write(&self, text: &mut String) -> std::fmt::Result {
+        writeln!(
+            text,
+            "{} images, {} points, {} distances",
+            self.images.len(),
+            self.points.len(),
+            self.distances.len()
+        )?;
+        writeln!(
+            text,
+            "{} observations, {} unknowns, datum defect {} ({}), redundancy {}",
+            self.observations, self.unknowns, self.datum_defect, self.datum, self.redundancy
+        )?;
+        writeln!(
+            text,
+            "sigma0 {:.5} ({:.5} px), rms {:.5} px",
+            self.sigma0, self.sigma0_px, self.rms_px
+        )?;
+        writeln!(
+            text,
+            "converged in {} steps: last change {:.1e} sigmas (threshold {:.1e})",
+            self.iterations, self.convergence[0], self.convergence[1]
+        )?;
+        for camera in &self.cameras {
+            writeln!(text, "\ncamera '{}'", camera.camera)?;
+            for row in &camera.parameters {
+                match row.state {
+                    "fixed" => writeln!(text, "  {:<3} {:>15.7e}  fixed", row.name, row.value)?,
+                    state => writeln!(
+                        text,
+                        "  {:<3} {:>15.7e} +- {:.2e}  {state}",
+                        row.name, row.value, row.sigma
+                    )?,
+                }
+            }
+        }
+        if let Some(rms) = rms(self.points.iter().map(|point| point.sigma_mm)) {
+            writeln!(
+                text,
+                "\nrms sigma of points    x {:.4}  y {:.4}  z {:.4} mm",
+                rms[0], rms[1], rms[2]
+            )?;
+        }
+        if let Some(rms) = rms(self.images.iter().map(|image| image.sigma_mm)) {
+            writeln!(
+                text,
+                "rms sigma of stations  x {:.4}  y {:.4}  z {:.4} mm",
+                rms[0], rms[1], rms[2]
+            )?;
+        }
+        for row in &self.distances {
+            writeln!(
+                text,
+                "distance '{}': off by {:+.4} mm, |w| {:.1}",
+                row.distance,
+                row.residual_mm,
+                row.test.abs()
+            )?;
+        }
+        self.write_tests(text)?;
+        for finding in &self.findings {
+            writeln!(text, "{finding}")?;
+        }
+        Ok(())
+    }
+
+    /// The image points with the largest tests.
+    fn write_tests(&self, text: &mut String) -> std::fmt::Result {
+        /// So many are shown.
+        const SHOWN: usize = 5;
+        let mut rows: Vec<(&ObservationRow, f64)> = self
+            .image_points
+            .iter()
+            .filter_map(|row| Some((row, row.test?)))
+            .collect();
+        rows.sort_by(|a, b| b.1.total_cmp(&a.1));
+        writeln!(text, "largest tests:")?;
+        for (row, test) in rows.iter().take(SHOWN) {
+            writeln!(
+                text,
+                "  point '{}' in image '{}': |w| {test:.1}, {}",
+                row.point, row.image, row.status
+            )?;
+        }
+        Ok(())
+    }
+}
+
+fn rms(rows: impl Iterator<Item = [f64; 3]>) -> Option<[f64; 3]> {
+    let mut count = 0;
+    let mut squares = [0.0; 3];
+    for row in rows {
+        count += 1;
+        for (sum, value) in squares.iter_mut().zip(row) {
+            *sum += value * value;
+        }
+    }
+    (count > 0).then(|| squares.map(|sum| (sum / f64::from(count)).sqrt()))
+}
