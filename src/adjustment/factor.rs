@@ -1,15 +1,22 @@
 //! The reduced system made regular by the datum, its factorisation and inverse, and what is loose where it is singular.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::llt::{factor, inverse};
-use faer::{MatMut, MatRef, Par, Spec};
+use faer::linalg::cholesky::llt::factor;
+use faer::linalg::matmul::triangular;
+use faer::linalg::triangular_solve;
+use faer::reborrow::{Reborrow as _, ReborrowMut as _};
+use faer::{Accum, Par, Spec};
 use nalgebra::{DMatrix, DVector, Vector3};
+use rayon::prelude::*;
 
 use super::AdjustmentError;
+use super::block_matrix::BlockMatrix;
 use super::datum::FreeMotions;
 use super::equations::State;
 use super::layout::Layout;
 use super::normals::{Normals, PIVOT_FLOOR};
+use super::selected_inverse::{SelectedInverse, view_mut};
+use super::structure::{Front, Structure};
 
 /// Eigenvalues of the scaled normal matrix below this belong to the null space that an error names.
 const NULL_EIGENVALUE: f64 = 1e-11;
@@ -20,85 +27,289 @@ const NAMED_SHARE: f64 = 0.1;
 /// One thread, so that the sums have one order.
 const PAR: Par = Par::Seq;
 
-/// The factorised reduced system, made regular by the rows `B` of the datum matrix: `D (S) D + B B^T = L L^T` with unit
-/// diagonal `D S D` and orthonormal columns of `B`, so that neither spoils the digits of the other.
+/// Reduced systems up to so many unknowns are looked into for what is loose.
+const UNKNOWNS_TO_LOOK_INTO: usize = 3000;
+
+/// The factorised reduced system, made regular by rows `B` of the datum matrix: `D (S) D + B B^T = L L^T` with unit
+/// diagonal `D S D`, and `B` the rows of some stations that are far from each other, so that neither spoils the digits of
+/// the other nor fills what is empty.
 ///
-/// Cost: a third of the cube of the reduced unknowns; the inverse three times as much.
-pub(super) struct Factor {
+/// Cost: of every front, a third of the cube of its unknowns less that of what is left ([`super::structure`]).
+pub(super) struct Factor<'a> {
+    structure: &'a Structure,
     scale: DVector<f64>,
-    /// `L`, below and on the diagonal.
-    lower: DMatrix<f64>,
+    fronts: Vec<FrontFactor>,
 }
 
-impl Factor {
+/// The columns of the factor that belong to a front's own blocks, over all of its rows.
+pub(super) struct FrontFactor {
+    pub(super) columns: DMatrix<f64>,
+}
+
+impl<'a> Factor<'a> {
     pub(super) fn new(
         normals: &Normals,
-        layout: &Layout,
+        layout: &'a Layout,
         state: &State,
         free: &FreeMotions,
     ) -> Result<Self, AdjustmentError> {
-        let null_vectors = free.kept_rows(layout, state);
-        let diagonal = normals.reduced.diagonal();
+        let structure = &layout.structure;
+        let diagonal = normals.reduced.diagonal(structure);
         let unreduced = &normals.unreduced_diagonal;
+        let sound = |i: usize, pivot: f64| pivot * diagonal[i] > PIVOT_FLOOR * unreduced[i];
         let n = diagonal.len();
-        let determined = (0..n).all(|i| diagonal[i] > PIVOT_FLOOR * unreduced[i]);
-        if !determined {
-            return Err(rank_defect(normals, layout, state, free));
+        if let Some(loose) = (0..n).find(|&i| !sound(i, 1.0)) {
+            return Err(rank_defect(normals, layout, state, free, loose));
         }
         let scale = diagonal.map(|d| 1.0 / d.sqrt());
-        let matrix = regularised(&normals.reduced, &scale, &null_vectors);
-        let lower = cholesky(matrix).filter(|l| {
-            (0..n).all(|i| l[(i, i)] * l[(i, i)] * diagonal[i] > PIVOT_FLOOR * unreduced[i])
-        });
-        let Some(lower) = lower else {
-            return Err(rank_defect(normals, layout, state, free));
-        };
-        Ok(Self { scale, lower })
+        let mut matrix = normals.reduced.clone();
+        scale_blocks(&mut matrix, structure, &scale);
+        add_datum(
+            &mut matrix,
+            structure,
+            &scale,
+            &free.kept_rows(layout, state),
+        );
+        let fronts = factorise(structure, &matrix, sound)
+            .map_err(|loose| rank_defect(normals, layout, state, free, loose))?;
+        Ok(Self {
+            structure,
+            scale,
+            fronts,
+        })
     }
 
     pub(super) fn solve(&self, right_side: &DVector<f64>) -> DVector<f64> {
+        let structure = self.structure;
         let mut solution = right_side.component_mul(&self.scale);
-        // The diagonal of `L` is positive, so that neither fails.
-        self.lower.solve_lower_triangular_mut(&mut solution);
-        self.lower.tr_solve_lower_triangular_mut(&mut solution);
+        let rows = |front: &Front| -> Vec<usize> {
+            let blocks = front.blocks.iter();
+            blocks.flat_map(|&block| structure.range(block)).collect()
+        };
+        for (front, factor) in structure.fronts.iter().zip(&self.fronts) {
+            let rows = rows(front);
+            for j in 0..front.width() {
+                let column = factor.columns.column(j);
+                let value = solution[rows[j]] / column[j];
+                solution[rows[j]] = value;
+                for i in j + 1..rows.len() {
+                    solution[rows[i]] -= column[i] * value;
+                }
+            }
+        }
+        for (front, factor) in structure.fronts.iter().zip(&self.fronts).rev() {
+            let rows = rows(front);
+            for j in (0..front.width()).rev() {
+                let column = factor.columns.column(j);
+                let below: f64 = (j + 1..rows.len())
+                    .map(|i| column[i] * solution[rows[i]])
+                    .sum();
+                solution[rows[j]] = (solution[rows[j]] - below) / column[j];
+            }
+        }
         solution.component_mul(&self.scale)
     }
 
-    /// The inverse of the regularised reduced matrix, both triangles.
-    pub(super) fn inverse(&self) -> DMatrix<f64> {
-        let n = self.lower.nrows();
-        let mut inverse = DMatrix::zeros(n, n);
-        let l = MatRef::from_column_major_slice(self.lower.as_slice(), n, n);
-        let out = MatMut::from_column_major_slice_mut(inverse.as_mut_slice(), n, n);
-        let mut memory = MemBuffer::new(inverse::inverse_scratch::<f64>(n, PAR));
-        inverse::inverse(out, l, PAR, MemStack::new(&mut memory));
-        for j in 0..n {
-            for i in j..n {
-                inverse[(i, j)] *= self.scale[i] * self.scale[j];
-            }
-        }
-        inverse.fill_upper_triangle_with_lower_triangle();
-        inverse
+    /// The inverse of the regularised reduced matrix where the factor has entries.
+    pub(super) fn inverse(&self) -> SelectedInverse {
+        SelectedInverse::of(self.structure, &self.fronts, &self.scale)
     }
 }
 
-/// The lower triangle of a positive definite matrix replaced by its Cholesky factor; `None` where it is not.
-fn cholesky(mut matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
-    let n = matrix.nrows();
+fn scale_blocks(matrix: &mut BlockMatrix, structure: &Structure, scale: &DVector<f64>) {
+    for (block, values) in matrix.columns.iter_mut().enumerate() {
+        let column = &structure.columns[block];
+        let height = column.offsets[column.rows.len()].max(1);
+        for (j, values) in structure.range(block).zip(values.chunks_mut(height)) {
+            let rows = column
+                .rows
+                .iter()
+                .flat_map(|&row| structure.range(row as usize));
+            for (value, i) in values.iter_mut().zip(rows) {
+                *value *= scale[i] * scale[j];
+            }
+        }
+    }
+}
+
+/// Adds `B B^T`, with `B` the orthonormalised rows of `D^-1 null_vectors` of the datum's stations, as long as those of all would be.
+fn add_datum(
+    matrix: &mut BlockMatrix,
+    structure: &Structure,
+    scale: &DVector<f64>,
+    null_vectors: &DMatrix<f64>,
+) {
+    let motions = null_vectors.ncols();
+    if motions == 0 {
+        return;
+    }
+    let datum = structure.datum.iter();
+    let rows: Vec<usize> = datum.flat_map(|&block| structure.range(block)).collect();
+    let scaled = DMatrix::from_fn(rows.len(), motions, |i, k| {
+        null_vectors[(rows[i], k)] / scale[rows[i]]
+    });
+    let basis = scaled.qr().q();
+    let longer = scale.len() as f64 / rows.len() as f64;
+    for (b, &j) in rows.iter().enumerate() {
+        for (a, &i) in rows.iter().enumerate().skip(b) {
+            let value: f64 = (0..basis.ncols())
+                .map(|k| basis[(a, k)] * basis[(b, k)])
+                .sum();
+            matrix.add(structure, i, j, longer * value);
+        }
+    }
+}
+
+/// A front that was factorised, and what is left for its parent.
+struct Eliminated {
+    factor: FrontFactor,
+    left: Option<DMatrix<f64>>,
+}
+
+/// The factors of all fronts; an unknown whose pivot is not sound where there is one.
+///
+/// Fronts of one level have nothing to do with each other; each is summed in one order on any number of threads.
+fn factorise(
+    structure: &Structure,
+    matrix: &BlockMatrix,
+    sound: impl Fn(usize, f64) -> bool + Sync,
+) -> Result<Vec<FrontFactor>, usize> {
+    let mut done: Vec<Option<Eliminated>> = Vec::new();
+    done.resize_with(structure.fronts.len(), || None);
+    for level in &structure.levels {
+        let level: Vec<(usize, Eliminated)> = level
+            .par_iter()
+            .map(|&index| Ok((index, eliminated(structure, matrix, &done, index, &sound)?)))
+            .collect::<Result<_, usize>>()?;
+        for (index, front) in level {
+            for &child in &structure.fronts[index].children {
+                if let Some(child) = &mut done[child] {
+                    child.left = None;
+                }
+            }
+            done[index] = Some(front);
+        }
+    }
+    Ok(done
+        .into_iter()
+        .flatten()
+        .map(|front| front.factor)
+        .collect())
+}
+
+fn eliminated(
+    structure: &Structure,
+    matrix: &BlockMatrix,
+    done: &[Option<Eliminated>],
+    index: usize,
+    sound: impl Fn(usize, f64) -> bool,
+) -> Result<Eliminated, usize> {
+    let front = &structure.fronts[index];
+    let (size, width) = (front.size(), front.width());
+    let mut values = DMatrix::<f64>::zeros(size, size);
+    assemble(&mut values, structure, matrix, index);
+    for &child in &front.children {
+        let Some(more) = done[child].as_ref().and_then(|child| child.left.as_ref()) else {
+            continue;
+        };
+        let rows = &structure.fronts[child].in_parent;
+        for (j, &to_j) in rows.iter().enumerate() {
+            let (from, to) = (more.column(j), &mut values.column_mut(to_j));
+            // Rows rise with the position, as in the parent.
+            for (i, &to_i) in rows.iter().enumerate().skip(j) {
+                to[to_i] += from[i];
+            }
+        }
+    }
+    let unknowns: Vec<usize> = front.blocks[..front.own]
+        .iter()
+        .flat_map(|&block| structure.range(block))
+        .collect();
+    eliminate(&mut values, width).map_err(|_| unknowns[0])?;
+    if let Some(j) = (0..width).find(|&j| !sound(unknowns[j], values[(j, j)].powi(2))) {
+        return Err(unknowns[j]);
+    }
+    let rest = size - width;
+    let left = (rest > 0).then(|| values.view((width, width), (rest, rest)).into_owned());
+    values.resize_horizontally_mut(width, 0.0);
+    Ok(Eliminated {
+        factor: FrontFactor { columns: values },
+        left,
+    })
+}
+
+/// Adds the entries of the matrix that belong to a front: those of its own blocks, lower triangle by position.
+fn assemble(values: &mut DMatrix<f64>, structure: &Structure, matrix: &BlockMatrix, index: usize) {
+    let front = &structure.fronts[index];
+    let place = |block: usize| {
+        let position = structure.position[block];
+        let (own, below) = front.blocks.split_at(front.own);
+        let among =
+            |part: &[usize]| part.binary_search_by_key(&position, |&b| structure.position[b]);
+        let at = among(own)
+            .ok()
+            .or_else(|| Some(among(below).ok()? + own.len()))?;
+        Some(front.starts[at])
+    };
+    for &(column, entry) in &front.entries {
+        let block = &structure.columns[column];
+        let row = block.rows[entry] as usize;
+        let (Some(at_row), Some(at_column)) = (place(row), place(column)) else {
+            continue;
+        };
+        let height = block.offsets[block.rows.len()];
+        let offset = block.offsets[entry];
+        let rows = block.offsets[entry + 1] - offset;
+        for j in 0..block.offsets[1] {
+            let from = &matrix.columns[column][j * height + offset..][..rows];
+            for (i, value) in from.iter().enumerate() {
+                let (p, q) = (at_row + i, at_column + j);
+                // A block on the diagonal has its upper triangle unset.
+                if row != column || i >= j {
+                    values[(p.max(q), p.min(q))] = *value;
+                }
+            }
+        }
+    }
+}
+
+/// Replaces the first columns of a lower triangle by those of its Cholesky factor, and the rest by what is left.
+fn eliminate(values: &mut DMatrix<f64>, width: usize) -> Result<(), factor::LltError> {
+    let whole = view_mut(values);
+    let size = whole.nrows();
+    let (mut own, _, mut below, mut rest) = whole.split_at_mut(width, width);
     let mut memory = MemBuffer::new(factor::cholesky_in_place_scratch::<f64>(
-        n,
+        width,
         PAR,
         Spec::default(),
     ));
     factor::cholesky_in_place(
-        MatMut::from_column_major_slice_mut(matrix.as_mut_slice(), n, n),
+        own.rb_mut(),
         factor::LltRegularization::default(),
         PAR,
         MemStack::new(&mut memory),
         Spec::default(),
-    )
-    .ok()?;
-    Some(matrix)
+    )?;
+    if size == width {
+        return Ok(());
+    }
+    triangular_solve::solve_lower_triangular_in_place(
+        own.rb(),
+        below.rb_mut().transpose_mut(),
+        PAR,
+    );
+    triangular::matmul(
+        rest.rb_mut(),
+        triangular::BlockStructure::TriangularLower,
+        Accum::Add,
+        below.rb(),
+        triangular::BlockStructure::Rectangular,
+        below.rb().transpose(),
+        triangular::BlockStructure::Rectangular,
+        -1.0,
+        PAR,
+    );
+    Ok(())
 }
 
 /// `D S D + B B^T`, lower triangle, with `B` the orthonormalised `D^-1 null_vectors`.
@@ -131,18 +342,25 @@ fn regularised(
     matrix
 }
 
-/// Names what the observations leave loose, from the null space of the reduced system.
+/// Names what the observations leave loose, from the null space of the reduced system; of a large one, the unknown whose pivot failed.
 fn rank_defect(
     normals: &Normals,
     layout: &Layout,
     state: &State,
     free: &FreeMotions,
+    failed: usize,
 ) -> AdjustmentError {
+    if layout.kept > UNKNOWNS_TO_LOOK_INTO {
+        return AdjustmentError::RankDefect {
+            defect: 1,
+            loose: vec![layout.name(failed)],
+        };
+    }
     let scale = normals
         .unreduced_diagonal
         .map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 1.0 });
     let datum = free.kept_rows(layout, state);
-    let mut matrix = regularised(&normals.reduced, &scale, &datum);
+    let mut matrix = regularised(&normals.reduced.dense(&layout.structure), &scale, &datum);
     matrix.fill_upper_triangle_with_lower_triangle();
     let eigen = matrix.symmetric_eigen();
     let smallest = eigen.eigenvalues.min();
@@ -204,4 +422,112 @@ fn in_datum(
         amount += &h[at] * shift;
     }
     motion - datum * amount
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt as _, SeedableRng as _};
+    use rand_chacha::ChaCha8Rng;
+
+    /// Blocks of all sizes that meet in random sets, and a positive definite matrix with entries there alone.
+    fn random(seed: u64) -> (Structure, BlockMatrix) {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let count = random.random_range(1..60);
+        let mut starts = vec![0];
+        for _ in 0..count {
+            starts.push(starts[starts.len() - 1] + [6, 6, 6, 9, 3][random.random_range(0..5)]);
+        }
+        let meetings: Vec<Vec<usize>> = (0..random.random_range(1..80))
+            .map(|_| {
+                let from = random.random_range(0..count);
+                let mut blocks: Vec<usize> = (0..random.random_range(1..6))
+                    .map(|_| (from + random.random_range(0..8)) % count)
+                    .collect();
+                blocks.push(count - 1);
+                blocks.sort_unstable();
+                blocks.dedup();
+                blocks
+            })
+            .collect();
+        let structure = Structure::new(starts, meetings.into_iter(), vec![0, count - 1]);
+        let mut matrix = BlockMatrix {
+            columns: structure
+                .columns
+                .iter()
+                .map(|column| vec![0.0; column.offsets[1] * column.offsets[column.rows.len()]])
+                .collect(),
+        };
+        for (block, column) in structure.columns.iter().enumerate() {
+            for &row in &column.rows {
+                for j in structure.range(block) {
+                    for i in structure.range(row as usize).filter(|&i| i >= j) {
+                        let value = if i == j {
+                            200.0
+                        } else {
+                            random.random_range(-1.0..1.0)
+                        };
+                        matrix.add(&structure, i, j, value);
+                    }
+                }
+            }
+        }
+        (structure, matrix)
+    }
+
+    #[test]
+    fn factor_and_inverse_are_those_of_the_whole_matrix() {
+        for seed in 0..40 {
+            let (structure, matrix) = random(seed);
+            let mut dense = matrix.dense(&structure);
+            dense.fill_upper_triangle_with_lower_triangle();
+            let n = dense.nrows();
+            let scale = DVector::from_fn(n, |i, _| 1.0 + 0.01 * i as f64);
+            let fronts = factorise(&structure, &matrix, |_, pivot| pivot > 0.0).unwrap();
+            let factor = Factor {
+                structure: &structure,
+                scale: scale.clone(),
+                fronts,
+            };
+            let scaled = DMatrix::from_diagonal(&scale);
+            let whole = &scaled * dense.try_inverse().unwrap() * &scaled;
+            let right_side = DVector::from_fn(n, |i, _| (i as f64).sin());
+            let off = factor.solve(&right_side) - &whole * &right_side;
+            assert!(
+                off.amax() < 1e-12 * whole.amax() * n as f64,
+                "{seed}: {}",
+                off.amax()
+            );
+            let inverse = factor.inverse();
+            for column in &structure.columns {
+                let blocks: Vec<usize> = [column.rows[0], column.rows[column.rows.len() - 1]]
+                    .map(|block| block as usize)
+                    .to_vec();
+                let blocks = if blocks[0] == blocks[1] {
+                    vec![blocks[0]]
+                } else {
+                    blocks
+                };
+                let unknowns: Vec<usize> = blocks
+                    .iter()
+                    .flat_map(|&block| structure.range(block))
+                    .collect();
+                let among = inverse.among(&structure, &blocks);
+                for (a, &i) in unknowns.iter().enumerate() {
+                    for (b, &j) in unknowns.iter().enumerate() {
+                        let off = among[(a, b)] - whole[(i, j)];
+                        assert!(off.abs() < 1e-12 * whole.amax(), "{seed}: {off}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_not_positive_is_named() {
+        let (structure, mut matrix) = random(3);
+        matrix.add(&structure, 1, 1, -400.0);
+        let failed = factorise(&structure, &matrix, |_, pivot| pivot > 0.0).err();
+        assert!(failed.is_some());
+    }
 }

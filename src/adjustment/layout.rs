@@ -2,6 +2,7 @@
 //! points are eliminated.
 
 use super::error::{ParameterName, ProblemPart, StationComponent};
+use super::structure::{Structure, spread_stations};
 use super::{AdjustmentError, BundleProblem, ParameterState};
 
 /// The part a point takes.
@@ -37,6 +38,8 @@ pub(super) struct PointFrame {
     pub(super) rays: Vec<Ray>,
     /// Place of the point's own unknowns in `index`, for a kept point.
     pub(super) own_at: Option<usize>,
+    /// The blocks of unknowns that `index` consists of, each with its first place.
+    pub(super) blocks: Vec<(usize, usize)>,
 }
 
 /// The order of the unknowns.
@@ -54,6 +57,10 @@ pub(super) struct Layout {
     pub(super) used: Vec<bool>,
     /// Points given by the datum that take part.
     pub(super) datum_points: Vec<usize>,
+    /// Where the reduced system has entries.
+    pub(super) structure: Structure,
+    /// The frames that have to do with each block, with the block's first place in them.
+    pub(super) frames_of_block: Vec<Vec<(usize, usize)>>,
 }
 
 impl Layout {
@@ -113,7 +120,22 @@ impl Layout {
             }
             super::Datum::Control => Vec::new(),
         };
+        let mut starts: Vec<usize> = (0..problem.stations.len()).map(|s| 6 * s).collect();
+        let cameras = camera_start.iter().zip(&camera_free);
+        starts.extend(cameras.filter(|c| !c.1.is_empty()).map(|c| *c.0));
+        let mut ends: Vec<usize> = roles
+            .iter()
+            .filter_map(|role| match role {
+                PointRole::Kept { start } => Some(*start),
+                _ => None,
+            })
+            .collect();
+        ends.sort_unstable();
+        starts.extend(ends);
+        starts.push(kept);
         let mut layout = Self {
+            structure: Structure::default(),
+            frames_of_block: Vec::new(),
             kept,
             camera_start,
             camera_free,
@@ -123,7 +145,30 @@ impl Layout {
             used,
             datum_points,
         };
-        layout.frames = layout.point_frames(problem);
+        layout.frames = layout.point_frames(problem, &starts);
+        let of_frames = layout.frames.iter();
+        let of_frames = of_frames.map(|frame| frame.blocks.iter().map(|block| block.0).collect());
+        let of_distances = problem.distances.iter().zip(&layout.distance_used);
+        let of_distances = of_distances.filter(|d| *d.1).map(|(distance, _)| {
+            let ends = [distance.from, distance.to].into_iter();
+            let ends = ends.filter_map(|point| match layout.roles[point] {
+                PointRole::Kept { start } => starts.binary_search(&start).ok(),
+                _ => None,
+            });
+            ends.collect()
+        });
+        layout.structure = Structure::new(
+            starts.clone(),
+            of_frames.chain(of_distances),
+            spread_stations(problem),
+        );
+        let mut frames_of_block = vec![Vec::new(); layout.structure.blocks()];
+        for (index, frame) in layout.frames.iter().enumerate() {
+            for &(block, place) in &frame.blocks {
+                frames_of_block[block].push((index, place));
+            }
+        }
+        layout.frames_of_block = frames_of_block;
         Ok(layout)
     }
 
@@ -166,14 +211,14 @@ impl Layout {
         }
     }
 
-    fn point_frames(&self, problem: &BundleProblem) -> Vec<PointFrame> {
+    fn point_frames(&self, problem: &BundleProblem, starts: &[usize]) -> Vec<PointFrame> {
         let mut rays_of_points = vec![Vec::new(); problem.points.len()];
         for (i, o) in problem.observations.iter().enumerate() {
             rays_of_points[o.point].push(i);
         }
         (0..problem.points.len())
             .filter(|&p| self.takes_part(p))
-            .map(|p| self.point_frame(problem, p, &rays_of_points[p]))
+            .map(|p| self.point_frame(problem, p, &rays_of_points[p], starts))
             .collect()
     }
 
@@ -182,6 +227,7 @@ impl Layout {
         problem: &BundleProblem,
         point: usize,
         observations: &[usize],
+        starts: &[usize],
     ) -> PointFrame {
         let station_of = |o: &usize| problem.observations[*o].station;
         let camera_of = |o: &usize| problem.stations[station_of(o)].camera;
@@ -217,7 +263,11 @@ impl Layout {
             })
             .collect();
         rays.sort_by_key(|ray| ray.station_at);
+        let begins = index.iter().enumerate();
+        let begins = begins.filter_map(|(place, i)| Some((starts.binary_search(i).ok()?, place)));
+        let blocks = begins.collect();
         PointFrame {
+            blocks,
             point,
             stations: stations.len(),
             index,

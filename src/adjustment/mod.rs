@@ -26,6 +26,7 @@
 //! Invariant: results do not depend on the number of threads. Chunks follow from the problem alone and sums run in
 //! their order.
 
+mod block_matrix;
 mod circle;
 mod datum;
 mod equations;
@@ -39,10 +40,12 @@ mod rejection;
 mod rejection_settings;
 mod result;
 mod runaways;
+mod selected_inverse;
 mod settling;
 mod solver;
 mod statistics;
 mod step;
+mod structure;
 
 #[cfg(test)]
 mod circle_tests;

@@ -1,24 +1,21 @@
 //! Normal equations with the points eliminated (Schur, 1917; Brown, 1958).
 //!
-//! First every point is looked at by itself; then the reduced system is summed in panels of columns, each by one thread and over the
-//! points in their order. So a sum has one order on any number of threads, nothing is summed twice, and what one code's dots
-//! add to stays in the cache.
+//! First every point is looked at by itself; then the reduced system is summed by block columns, each by one thread and over its
+//! points in their order. So a sum has one order on any number of threads, and nothing is summed twice.
 
-use std::ops::{Deref, Range};
+use std::ops::Deref;
 
-use nalgebra::{Cholesky, DMatrix, DVector, Matrix3, SMatrix, Vector2, Vector3};
+use nalgebra::{Cholesky, DVector, Matrix3, SMatrix, Vector2, Vector3};
 use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
 
+use super::block_matrix::BlockMatrix;
 use super::equations::{Equations, State};
 use super::layout::{Layout, PointFrame, Ray};
 use super::{AdjustmentError, BundleProblem, ParameterName, ParameterState};
 
 /// A pivot below this part of the unknown's own normal matrix diagonal is rounding: the unknown is not determined.
 pub(super) const PIVOT_FLOOR: f64 = 1e-13;
-
-/// Columns of the reduced system that are summed together: eight stations.
-const PANEL: usize = 48;
 
 /// The coupling `Y` of an eliminated point, coordinate by coordinate; places as in [`PointFrame::index`].
 #[derive(Clone, Debug)]
@@ -54,8 +51,8 @@ impl Coupling {
 
 /// The reduced normal equations `S dx = g`.
 pub(super) struct Normals {
-    /// Lower triangle of `S`.
-    pub(super) reduced: DMatrix<f64>,
+    /// `S`.
+    pub(super) reduced: BlockMatrix,
     pub(super) right_side: DVector<f64>,
     /// Diagonal before the points were eliminated: the measure of what rounding is.
     pub(super) unreduced_diagonal: DVector<f64>,
@@ -71,15 +68,18 @@ enum Looked {
     Loose,
 }
 
-/// Some columns of the reduced system.
-struct Panel<'a> {
-    /// The first one.
-    from: usize,
-    /// The matrix's values of these columns, each so long.
-    reduced: &'a mut [f64],
+/// The columns of a block of the reduced system.
+struct BlockColumns<'a> {
+    block: usize,
+    /// Unknowns of the block.
+    width: usize,
     height: usize,
-    right_side: &'a mut [f64],
-    diagonal: &'a mut [f64],
+    /// Columns one after the other.
+    values: Vec<f64>,
+    right_side: Vec<f64>,
+    diagonal: Vec<f64>,
+    /// Where a row block begins in the column, by block.
+    offsets: &'a [usize],
 }
 
 /// The equations of an iteration.
@@ -157,37 +157,67 @@ impl Normals {
                 loose,
             });
         }
+        let structure = &layout.structure;
+        // The longest sums first, those of the cameras.
+        let mut order: Vec<usize> = (0..structure.blocks()).collect();
+        order.sort_by_key(|&block| std::cmp::Reverse(layout.frames_of_block[block].len()));
+        let mut columns: Vec<_> = order
+            .par_iter()
+            .map_init(
+                || vec![usize::MAX; structure.blocks()],
+                |offsets, &block| {
+                    let column = &structure.columns[block];
+                    for (&row, &offset) in column.rows.iter().zip(&column.offsets) {
+                        offsets[row as usize] = offset;
+                    }
+                    let (width, height) = (column.offsets[1], column.offsets[column.rows.len()]);
+                    let mut sums = BlockColumns {
+                        block,
+                        width,
+                        height,
+                        values: vec![0.0; width * height],
+                        right_side: vec![0.0; width],
+                        diagonal: vec![0.0; width],
+                        offsets,
+                    };
+                    let mut row_of_place = Vec::new();
+                    for &(frame, place) in &layout.frames_of_block[block] {
+                        let normal = points[frame].as_ref();
+                        let frame = &layout.frames[frame];
+                        sums.add_point(&system, frame, place, normal, &mut row_of_place);
+                    }
+                    let BlockColumns {
+                        values,
+                        right_side,
+                        diagonal,
+                        ..
+                    } = sums;
+                    (block, values, right_side, diagonal)
+                },
+            )
+            .collect();
+        columns.sort_by_key(|(block, ..)| *block);
         let mut normals = Self {
-            reduced: DMatrix::zeros(layout.kept, layout.kept),
+            reduced: BlockMatrix {
+                columns: Vec::with_capacity(columns.len()),
+            },
             right_side: DVector::zeros(layout.kept),
             unreduced_diagonal: DVector::zeros(layout.kept),
             points,
         };
-        let values = normals.reduced.as_mut_slice();
-        let panels = values.par_chunks_mut((PANEL * layout.kept).max(1));
-        let sums = normals.right_side.as_mut_slice().par_chunks_mut(PANEL);
-        let diagonals = normals.unreduced_diagonal.as_mut_slice();
-        let panels = panels.zip(sums.zip(diagonals.par_chunks_mut(PANEL)));
-        let points = &normals.points;
-        panels
-            .enumerate()
-            .for_each(|(number, (reduced, (right_side, diagonal)))| {
-                let mut panel = Panel {
-                    from: PANEL * number,
-                    height: layout.kept,
-                    reduced,
-                    right_side,
-                    diagonal,
-                };
-                let points = layout.frames.iter().zip(points);
-                for (frame, normal) in points {
-                    panel.add_point(&system, frame, normal.as_ref());
-                }
-            });
+        for (block, values, right_side, diagonal) in columns {
+            let at = structure.starts[block];
+            normals.reduced.columns.push(values);
+            normals.right_side.as_mut_slice()[at..][..right_side.len()]
+                .copy_from_slice(&right_side);
+            normals.unreduced_diagonal.as_mut_slice()[at..][..diagonal.len()]
+                .copy_from_slice(&diagonal);
+        }
         normals.add_distances(problem, layout, equations);
         normals.add_camera_priors(problem, layout, state);
         for i in 0..layout.kept {
-            normals.reduced[(i, i)] += damping * normals.unreduced_diagonal[i];
+            let more = damping * normals.unreduced_diagonal[i];
+            normals.reduced.add(structure, i, i, more);
         }
         Ok(normals)
     }
@@ -231,7 +261,7 @@ impl Normals {
                 self.right_side[i] -= weight * a * equation.residual;
                 self.unreduced_diagonal[i] += weight * a * a;
                 for &(j, b) in row.iter().filter(|(j, _)| *j <= i) {
-                    self.reduced[(i, j)] += weight * a * b;
+                    self.reduced.add(&layout.structure, i, j, weight * a * b);
                 }
             }
         }
@@ -244,7 +274,7 @@ impl Normals {
                 if let ParameterState::Weighted { value, sigma } = block.parameters[parameter] {
                     let i = layout.camera_start[c] + k;
                     let weight = sigma.powi(-2);
-                    self.reduced[(i, i)] += weight;
+                    self.reduced.add(&layout.structure, i, i, weight);
                     self.unreduced_diagonal[i] += weight;
                     self.right_side[i] -= weight * (interior[parameter] - value);
                 }
@@ -375,81 +405,98 @@ impl System<'_> {
     }
 }
 
-impl Panel<'_> {
-    fn add_point(&mut self, system: &System<'_>, frame: &PointFrame, normal: Option<&PointNormal>) {
-        let to = self.from + self.diagonal.len();
-        let first = frame.index.partition_point(|&i| i < self.from);
-        let end = frame.index.partition_point(|&i| i < to);
-        if first == end {
-            return;
+impl BlockColumns<'_> {
+    /// Adds a point in whose frame the block begins at `place`.
+    fn add_point(
+        &mut self,
+        system: &System<'_>,
+        frame: &PointFrame,
+        place: usize,
+        normal: Option<&PointNormal>,
+        row_of_place: &mut Vec<usize>,
+    ) {
+        row_of_place.clear();
+        row_of_place.resize(frame.index.len(), usize::MAX);
+        let structure = &system.layout.structure;
+        for &(block, first) in frame
+            .blocks
+            .iter()
+            .filter(|(block, _)| *block >= self.block)
+        {
+            for (k, row) in row_of_place[first..][..structure.range(block).len()]
+                .iter_mut()
+                .enumerate()
+            {
+                *row = self.offsets[block] + k;
+            }
         }
-        let places = first..end;
-        // Every ray touches a camera or, where the point is kept, the point; one station is touched by its own rays alone.
-        let rays = if end > 6 * frame.stations {
-            &frame.rays
+        // Every ray touches a camera or, where the point is kept, the point; a station is touched by its own rays alone.
+        let rays = if place >= 6 * frame.stations {
+            &frame.rays[..]
         } else {
             let before = |limit: usize| frame.rays.partition_point(|ray| ray.station_at < limit);
-            &frame.rays[before(first)..before(end)]
+            &frame.rays[before(place)..before(place + 6)]
         };
         for ray in rays.iter().filter(|ray| ray.used) {
-            self.add_ray(system, frame, ray);
+            self.add_ray(system, frame, place, ray, row_of_place);
         }
-        if let Some(own) = frame.own_at {
+        if frame.own_at == Some(place) {
             for (axis, weight, right) in system.priors(frame) {
-                let i = frame.index[own + axis];
-                if (self.from..to).contains(&i) {
-                    self.column(i)[i] += weight;
-                    self.diagonal[i - self.from] += weight;
-                    self.right_side[i - self.from] += right;
-                }
+                self.values[axis * self.height + axis] += weight;
+                self.diagonal[axis] += weight;
+                self.right_side[axis] += right;
             }
         }
         if let Some(normal) = normal {
             let elimination = Elimination {
-                panel: self,
+                columns: self,
                 frame,
                 normal,
-                places,
+                place,
+                row_of_place,
             };
             Arch::new().dispatch(elimination);
         }
     }
 
-    fn column(&mut self, index: usize) -> &mut [f64] {
-        &mut self.reduced[self.height * (index - self.from)..][..self.height]
-    }
-
-    fn add_ray(&mut self, system: &System<'_>, frame: &PointFrame, ray: &Ray) {
+    fn add_ray(
+        &mut self,
+        system: &System<'_>,
+        frame: &PointFrame,
+        place: usize,
+        ray: &Ray,
+        row_of_place: &[usize],
+    ) {
         let Some((rows, residual)) = system.rows(ray) else {
             return;
         };
         let kept = rows.kept(ray, frame.own_at);
-        let columns = self.from..self.from + self.diagonal.len();
         for (k, &(a, by_a)) in kept.iter().enumerate() {
-            let i = frame.index[a];
-            if !columns.contains(&i) {
+            if !(place..place + self.width).contains(&a) {
                 continue;
             }
-            self.right_side[i - self.from] -= by_a.dot(&residual);
-            self.diagonal[i - self.from] += by_a.norm_squared();
-            let column = self.column(i);
+            let column = a - place;
+            self.right_side[column] -= by_a.dot(&residual);
+            self.diagonal[column] += by_a.norm_squared();
+            let values = &mut self.values[column * self.height..][..self.height];
             // Places rise within a ray, so that what follows lies below the diagonal.
             for &(b, by_b) in &kept[k..] {
-                column[frame.index[b]] += by_a.dot(&by_b);
+                values[row_of_place[b]] += by_a.dot(&by_b);
             }
         }
     }
 }
 
-/// Takes an eliminated point out of the columns of a panel.
+/// Takes an eliminated point out of the columns of a block.
 ///
-/// Cost: the squared number of the point's rays, summed over all panels.
+/// Cost: the squared number of the point's rays, summed over all blocks.
 struct Elimination<'a, 'p> {
-    panel: &'a mut Panel<'p>,
+    columns: &'a mut BlockColumns<'p>,
     frame: &'a PointFrame,
     normal: &'a PointNormal,
-    /// Places of the point's frame that lie in the panel.
-    places: Range<usize>,
+    /// First place of the block in the point's frame.
+    place: usize,
+    row_of_place: &'a [usize],
 }
 
 impl NullaryFnOnce for Elimination<'_, '_> {
@@ -457,31 +504,30 @@ impl NullaryFnOnce for Elimination<'_, '_> {
 
     #[inline(always)]
     fn call(self) {
-        let index = &self.frame.index;
         let stations = self.frame.stations;
         let Coupling(rows) = &self.normal.coupling;
+        let first = (self.place / 6).min(stations);
         let blocks = rows
             .each_ref()
-            .map(|row| &row.as_chunks::<6>().0[..stations]);
-        let starts = index.iter().step_by(6);
-        for b in self.places {
-            let j = index[b];
-            let by = self.normal.inverse * self.normal.coupling.at(b);
-            self.panel.right_side[j - self.panel.from] -= by.dot(&self.normal.right_side);
-            let column = self.panel.column(j);
+            .map(|row| &row.as_chunks::<6>().0[first..stations]);
+        let starts = self.row_of_place.iter().step_by(6).skip(first);
+        for column in 0..self.columns.width {
+            let at = self.place + column;
+            let by = self.normal.inverse * self.normal.coupling.at(at);
+            self.columns.right_side[column] -= by.dot(&self.normal.right_side);
+            let height = self.columns.height;
+            let values = &mut self.columns.values[column * height..][..height];
+            let [x, y, z] = blocks;
             // All of the station's own block: what lies above the diagonal is not looked at.
-            let first = (b / 6).min(stations);
-            let [x, y, z] = blocks.map(|blocks| &blocks[first..]);
-            let starts = starts.clone().skip(first);
-            for (((&start, x), y), z) in starts.zip(x).zip(y).zip(z) {
-                if let Some(below) = column[start..].first_chunk_mut::<6>() {
+            for (((&start, x), y), z) in starts.clone().zip(x).zip(y).zip(z) {
+                if let Some(below) = values[start..].first_chunk_mut::<6>() {
                     for k in 0..6 {
                         below[k] -= x[k] * by.x + y[k] * by.y + z[k] * by.z;
                     }
                 }
             }
-            for place in (6 * stations).max(b)..index.len() {
-                column[index[place]] -= by.dot(&self.normal.coupling.at(place));
+            for place in (6 * stations).max(at)..self.row_of_place.len() {
+                values[self.row_of_place[place]] -= by.dot(&self.normal.coupling.at(place));
             }
         }
     }

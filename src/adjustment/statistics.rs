@@ -9,6 +9,7 @@ use super::factor::Factor;
 use super::frame::STransformation;
 use super::layout::{Layout, PointFrame, PointRole};
 use super::normals::{Normals, distance_row, whitened_rows};
+use super::selected_inverse::SelectedInverse;
 use super::solver::other_squares;
 use super::{
     AdjustedCamera, AdjustedPoint, AdjustedStation, Adjustment, AdjustmentError, BundleProblem,
@@ -250,13 +251,14 @@ fn point_statistics(
     state: &State,
     equations: &Equations,
     normals: &Normals,
-    inverse: &DMatrix<f64>,
+    inverse: &SelectedInverse,
     transformation: &Transformation,
     at: usize,
     frame: &PointFrame,
 ) -> PointStatistics {
     let q = frame.index.len();
-    let local = DMatrix::from_fn(q, q, |i, j| inverse[(frame.index[i], frame.index[j])]);
+    let blocks: Vec<usize> = frame.blocks.iter().map(|block| block.0).collect();
+    let local = inverse.among(&layout.structure, &blocks);
     // Cofactors of the kept unknowns with the point, and of the point itself (block inverse).
     let (cross, own) = match (&normals.points[at], frame.own_at) {
         (Some(normal), _) => {
@@ -315,15 +317,19 @@ fn point_statistics(
 fn cameras(
     layout: &Layout,
     state: &State,
-    inverse: &DMatrix<f64>,
+    inverse: &SelectedInverse,
     variance: f64,
 ) -> Vec<AdjustedCamera> {
     let camera = |c: usize| {
         let mut covariance = SMatrix::<f64, 10, 10>::zeros();
-        let start = layout.camera_start[c];
-        for (i, &a) in layout.camera_free[c].iter().enumerate() {
-            for (j, &b) in layout.camera_free[c].iter().enumerate() {
-                covariance[(a, b)] = variance * inverse[(start + i, start + j)];
+        let free = &layout.camera_free[c];
+        if !free.is_empty() {
+            let block = layout.structure.block_of(layout.camera_start[c]);
+            let own = inverse.among(&layout.structure, &[block]);
+            for (i, &a) in free.iter().enumerate() {
+                for (j, &b) in free.iter().enumerate() {
+                    covariance[(a, b)] = variance * own[(i, j)];
+                }
             }
         }
         AdjustedCamera {
@@ -338,7 +344,7 @@ fn stations(
     problem: &BundleProblem,
     layout: &Layout,
     state: &State,
-    inverse: &DMatrix<f64>,
+    inverse: &SelectedInverse,
     transformation: &Transformation,
     variance: f64,
 ) -> Vec<AdjustedStation> {
@@ -347,7 +353,7 @@ fn stations(
         .map(|s| {
             let at = 6 * s;
             let cofactor = transformation.apply(
-                &inverse.view((at, at), (6, 6)).into_owned(),
+                &inverse.among(&layout.structure, &[s]),
                 &rows.rows(at, 6).into_owned(),
                 &transformation.kept.rows(at, 6).into_owned(),
             );
@@ -442,15 +448,19 @@ fn distance_statistics(
     problem: &BundleProblem,
     layout: &Layout,
     equations: &Equations,
-    inverse: &DMatrix<f64>,
+    inverse: &SelectedInverse,
 ) -> Vec<Option<DistanceStatistics>> {
     let statistics = |(distance, equation): (&super::DistanceObservation, &Option<_>)| {
         let equation: &super::equations::DistanceEquation = equation.as_ref()?;
         let row = distance_row(layout, distance, equation);
+        let structure = &layout.structure;
+        let mut blocks: Vec<usize> = row.iter().map(|(i, _)| structure.block_of(*i)).collect();
+        blocks.dedup();
+        let among = inverse.among(structure, &blocks);
         let mut leverage = 0.0;
-        for &(i, a) in &row {
-            for &(j, b) in &row {
-                leverage += a * b * inverse[(i, j)];
+        for (i, (_, a)) in row.iter().enumerate() {
+            for (j, (_, b)) in row.iter().enumerate() {
+                leverage += a * b * among[(i, j)];
             }
         }
         let redundancy = (1.0 - leverage / distance.sigma_mm.powi(2)).clamp(0.0, 1.0);
