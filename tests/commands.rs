@@ -52,7 +52,7 @@ fn help_and_version_are_results() {
     let folder = Folder::new("help");
     let help = folder.run(&["--help"]);
     for command in [
-        "demo", "new", "add", "exclude", "run", "detect", "export", "compare", "codes",
+        "demo", "new", "add", "exclude", "run", "detect", "export", "compare", "codes", "adjust",
     ] {
         assert!(help.done().contains(&format!("\n  {command}")), "{help:?}");
         let own = folder.run(&[command, "--help"]);
@@ -563,4 +563,77 @@ fn codes_have_as_many_rows_as_codes() {
             .text("codes.csv")
             .starts_with("id,pattern\n1,129\n2,135\n3,139\n")
     );
+}
+
+/// A net of one camera, three images from 1 m and eight points, of which each image sees all; the last point is seen once.
+fn plain_network() -> Value {
+    let points: Vec<[f64; 3]> = (0..8)
+        .map(|k| {
+            [
+                f64::from(k % 4) * 80.0 - 120.0,
+                f64::from(k / 4) * 150.0 - 75.0,
+                f64::from(k % 3) * 40.0,
+            ]
+        })
+        .collect();
+    let centres = [
+        [-400.0, 0.0, 1000.0],
+        [0.0, 350.0, 1000.0],
+        [400.0, -50.0, 1000.0],
+    ];
+    let name = |kind: &str, k: usize| format!("{kind}{k}");
+    let mut seen = Vec::new();
+    for (image, centre) in centres.iter().enumerate() {
+        for (point, place) in points.iter().enumerate() {
+            // The camera looks down along -z; a principal distance of 20 mm, pixels of 5 um.
+            let away = std::array::from_fn::<f64, 3, _>(|axis| place[axis] - centre[axis]);
+            let scale = -20.0 / away[2] / 0.005;
+            seen.push(serde_json::json!([
+                name("I", image),
+                name("P", point),
+                2000.0 + scale * away[0],
+                1500.0 - scale * away[1]
+            ]));
+        }
+    }
+    seen.push(serde_json::json!(["I0", "lost", 100.0, 100.0]));
+    serde_json::json!({
+        "format": "tiepoint-network", "version": 1, "sigma_px": 0.1,
+        "cameras": [{"name": "A", "width_px": 4000, "height_px": 3000, "pixel_pitch_mm": 0.005, "values": {"c": 20}}],
+        "images": centres.iter().enumerate().map(|(k, centre)| serde_json::json!({
+            "name": name("I", k), "camera": "A", "centre_mm": centre,
+            "camera_from_world": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        })).collect::<Vec<_>>(),
+        "points": points.iter().enumerate().map(|(k, _)| serde_json::json!({"name": name("P", k)}))
+            .chain([serde_json::json!({"name": "lost"})]).collect::<Vec<_>>(),
+        "observations": seen,
+        "distances": [{"name": "bar", "from": "P0", "to": "P3", "length_mm": 240, "sigma_mm": 0.01}],
+    })
+}
+
+#[test]
+fn adjust_tells_of_a_network_without_pictures() {
+    let folder = Folder::new("adjust");
+    let network = plain_network();
+    folder.write("net.json", network.to_string());
+    let report = folder
+        .run(&["adjust", "--network", "net.json", "--json"])
+        .json();
+    // 24 image points and a bar; three stations and eight points, six motions that nothing fixes.
+    assert_eq!(report["redundancy"], 2 * 24 + 1 - (18 + 24) + 6);
+    assert_eq!(report["datum_defect"], 6);
+    assert_eq!(report["points"].as_array().unwrap().len(), 8);
+    assert!(report["sigma0"].as_f64().unwrap() < 1e-6, "{report}");
+    assert_eq!(
+        report["findings"],
+        serde_json::json!(["point 'lost': found 1 rays, expected 2 or more: left out"])
+    );
+    let text = folder.run(&["adjust", "--network", "net.json"]);
+    assert!(text.done().contains("redundancy 13\n"), "{text:?}");
+
+    let mut bad = network;
+    bad["observations"][3][1] = "P2".into();
+    folder.write("bad.json", bad.to_string());
+    let answer = folder.run(&["adjust", "--network", "bad.json"]);
+    answer.refused(2, &["bad.json", "'P2' in image 'I0'"]);
 }

@@ -1,9 +1,11 @@
 //! Real photographs with known points. They are not part of the project: where they are absent, the tests say so.
 
-use std::collections::BTreeMap;
-use std::io::Write;
-use std::path::{Path, PathBuf};
+mod data_sets;
 
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use data_sets::{data, say};
 use tiepoint::commands::measure;
 use tiepoint::geometry::Scale;
 use tiepoint::monitor::Monitor;
@@ -13,27 +15,6 @@ use tiepoint::project::intake::{add_cameras, add_images};
 use tiepoint::project::session::Session;
 use tiepoint::report::{CompareSettings, compare};
 use tiepoint::targets::Family;
-
-/// A line that is seen although the test passes: the test harness keeps back what the print macros write.
-fn say(line: &str) {
-    let _ = writeln!(std::io::stderr(), "{line}");
-}
-
-/// The folder of a data set; `None`, with one line that says so, where it is absent.
-fn data(name: &str) -> Option<PathBuf> {
-    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
-    let folder = std::env::var_os("TIEPOINT_DATA")
-        .map_or(beside, PathBuf::from)
-        .join(name);
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    say(&format!(
-        "not run: found no {}, expected the data set (TIEPOINT_DATA)",
-        folder.display()
-    ));
-    None
-}
 
 /// The centres of codes that another program found, by image and number.
 fn published_centres(file: &Path) -> Vec<(String, u32, [f64; 2])> {

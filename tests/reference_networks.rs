@@ -1,9 +1,11 @@
 //! Other programs' adjustments, made again from their data: what they published is found again.
 
-use std::collections::BTreeMap;
-use std::io::Write as _;
-use std::path::{Path, PathBuf};
+mod data_sets;
 
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use data_sets::{data, say};
 use nalgebra::{Rotation3, Vector3};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
@@ -15,27 +17,6 @@ use tiepoint::plain_network::{
     AiconTexts, DbatTexts, NamedText, PlainAdjustment, PlainNetwork, PlainSettings, from_aicon,
     from_dbat,
 };
-
-/// A line that is seen although the test passes.
-fn say(line: &str) {
-    let _ = writeln!(std::io::stderr(), "{line}");
-}
-
-/// The folder of a data set; `None`, with one line that says so, where it is absent.
-fn data(name: &str) -> Option<PathBuf> {
-    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
-    let folder = std::env::var_os("TIEPOINT_DATA")
-        .map_or(beside, PathBuf::from)
-        .join(name);
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    say(&format!(
-        "{name}: did not run, found no {} (TIEPOINT_DATA)",
-        folder.display()
-    ));
-    None
-}
 
 fn text(folder: &Path, file: &str) -> String {
     std::fs::read_to_string(folder.join(file)).expect("a file of the data set")

@@ -158,19 +158,13 @@ impl PlainCamera {
     /// Image coordinates (mm, y up, origin at the image centre) of a pixel.
     #[must_use]
     pub fn image_from_pixel(&self, pixel: &Vector2<f64>) -> Vector2<f64> {
-        Vector2::new(
-            pixel.x - f64::from(self.width_px) / 2.0,
-            f64::from(self.height_px) / 2.0 - pixel.y,
-        ) * self.pixel_pitch_mm
+        self.camera().image_from_pixel(pixel)
     }
 
     /// The pixel of image coordinates (mm).
     #[must_use]
     pub fn pixel_from_image(&self, image: &Vector2<f64>) -> Vector2<f64> {
-        Vector2::new(
-            image.x / self.pixel_pitch_mm + f64::from(self.width_px) / 2.0,
-            f64::from(self.height_px) / 2.0 - image.y / self.pixel_pitch_mm,
-        )
+        self.camera().pixel_from_image(image)
     }
 }
 
