@@ -7,7 +7,7 @@
 //! - **Frames and signs are ours** whatever the source: pixels from the top-left corner, the camera looking along -z
 //!   with y up, parameters in the order and sign of [`crate::camera::INTERIOR_NAMES`].
 //! - **The direction of the lens is kept**, because a polynomial in the measured point is none in the ideal one:
-//!   [`LensDirection`] says which of the two its parameters correct or displace.
+//!   [`crate::camera::LensDirection`] says which of the two its parameters correct or displace.
 //! - **Lengths are millimetres** where the source has a scale; a source in other units keeps them, and all of its
 //!   object coordinates, centres and distances are in that one unit.
 //! - **Every fault is one line** ([`ImportError`]): where, what was found, what was expected. A reader that cannot hold

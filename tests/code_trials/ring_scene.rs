@@ -124,6 +124,16 @@ impl Ring {
         Some((2 + segment, self.is_light(segment)))
     }
 
+    /// The same with its frame turned by a share of the turn.
+    fn turned(&self, turn: f64) -> Self {
+        let (sin, cos) = (TAU * turn).sin_cos();
+        let by = SVector::<f64, 8>::from([cos - 1.0, -sin, 0.0, sin, cos - 1.0, 0.0, 0.0, 0.0]);
+        Self {
+            view: self.view.clone().moved(&by),
+            ..self.clone()
+        }
+    }
+
     fn is_light(&self, segment: u32) -> bool {
         (self.bits >> (u32::from(self.segments) - 1 - segment)) & 1 == 1
     }
@@ -272,8 +282,13 @@ impl Scene {
                 ..ring.clone()
             };
             let same = self.apart(still, ring, &self.alone(&other));
-            let fitted = || self.apart(still, ring, &self.fitted(still, &other));
-            same.is_little() || fitted().is_little()
+            // Least squares find no frame that is turned by more than the blur: from all that the grid may have.
+            let fitted = |turn: f64| {
+                let turned = other.turned(turn / f64::from(n));
+                self.apart(still, ring, &self.fitted(still, &turned))
+            };
+            let turns = [0.0, 0.12, -0.12, 0.25, -0.25, 0.37, -0.37, 0.5, -0.5];
+            same.is_little() || turns.into_iter().any(|turn| fitted(turn).is_little())
         })
     }
 
