@@ -129,7 +129,7 @@ impl Ring {
         let (sin, cos) = (TAU * turn).sin_cos();
         let by = SVector::<f64, 8>::from([cos - 1.0, -sin, 0.0, sin, cos - 1.0, 0.0, 0.0, 0.0]);
         Self {
-            view: self.view.clone().moved(&by),
+            view: self.view.moved(&by),
             ..self.clone()
         }
     }
