@@ -257,14 +257,19 @@ impl PlainNetwork {
                 },
             },
         };
-        let cameras = self.cameras.iter().map(|camera| CameraBlock {
-            camera: camera.camera(),
-            parameters: if self.images_of(camera, &images) {
-                camera.states()
-            } else {
-                [ParameterState::Fixed; 10]
-            },
-        });
+        let in_use: BTreeSet<usize> = images.iter().map(|&i| self.images[i].camera).collect();
+        let cameras = self
+            .cameras
+            .iter()
+            .enumerate()
+            .map(|(index, camera)| CameraBlock {
+                camera: camera.camera(),
+                parameters: if in_use.contains(&index) {
+                    camera.states()
+                } else {
+                    [ParameterState::Fixed; 10]
+                },
+            });
         let problem = BundleProblem {
             cameras: cameras.collect(),
             stations: stations.collect(),
@@ -283,13 +288,6 @@ impl PlainNetwork {
             distances,
             problem,
         })
-    }
-
-    /// Whether one of these images is of a camera.
-    fn images_of(&self, camera: &PlainCamera, images: &[usize]) -> bool {
-        images
-            .iter()
-            .any(|&image| self.cameras[self.images[image].camera].name == camera.name)
     }
 
     /// Greatest distance of a known coordinate from another of its axis, mm; 1 where there are none.

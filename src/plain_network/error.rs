@@ -79,8 +79,8 @@ impl NamedText<'_> {
         ImportError {
             file: self.file.to_owned(),
             place,
-            found: found.into(),
-            expected: expected.into(),
+            found: in_one_line(&found.into()),
+            expected: in_one_line(&expected.into()),
         }
     }
 
@@ -88,6 +88,11 @@ impl NamedText<'_> {
     pub(super) fn fault(self, fault: NetworkFault) -> ImportError {
         self.unexpected(ImportPlace::Thing(fault.about), fault.found, fault.expected)
     }
+}
+
+/// A text without line breaks and other controls: a JSON string may hold them as escapes.
+fn in_one_line(text: &str) -> String {
+    text.replace(char::is_control, "?")
 }
 
 /// Longest piece of a text that is repeated in a message, characters.

