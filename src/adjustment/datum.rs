@@ -6,7 +6,7 @@ use super::equations::State;
 use super::error::DatumMotion;
 use super::layout::{Layout, PointRole};
 use super::{AdjustmentError, BundleProblem, Datum};
-use crate::geometry::{Similarity, skew};
+use crate::geometry::{Pose, Similarity, skew};
 
 /// Known directions (of unit length) whose squared share in a motion is below this do not hinder it: control within
 /// 1e-5 of a line does not fix the turn about that line.
@@ -117,20 +117,25 @@ impl FreeMotions {
         DMatrix::from_column_slice(3, self.defect(), rows.as_slice())
     }
 
+    /// Rows of `G` of a station, 6 x d.
+    pub(super) fn station_rows(&self, pose: &Pose) -> DMatrix<f64> {
+        // Turning the world by r turns the camera the other way: M exp(-[r]) = exp([-M r]) M.
+        let mut candidates = SMatrix::<f64, 6, 7>::zeros();
+        candidates
+            .fixed_view_mut::<3, 3>(0, 3)
+            .copy_from(&(-pose.camera_from_world.matrix() / self.length));
+        candidates
+            .fixed_rows_mut::<3>(3)
+            .copy_from(&self.candidates(&pose.centre_in_world));
+        let rows = candidates * &self.basis;
+        DMatrix::from_column_slice(6, self.defect(), rows.as_slice())
+    }
+
     /// Rows of `G` of all unknowns of the reduced system.
     pub(super) fn kept_rows(&self, layout: &Layout, state: &State) -> DMatrix<f64> {
         let mut rows = DMatrix::zeros(layout.kept, self.defect());
         for (s, pose) in state.poses.iter().enumerate() {
-            // Turning the world by r turns the camera the other way: M exp(-[r]) = exp([-M r]) M.
-            let mut candidates = SMatrix::<f64, 6, 7>::zeros();
-            candidates
-                .fixed_view_mut::<3, 3>(0, 3)
-                .copy_from(&(-pose.camera_from_world.matrix() / self.length));
-            candidates
-                .fixed_rows_mut::<3>(3)
-                .copy_from(&self.candidates(&pose.centre_in_world));
-            rows.rows_mut(6 * s, 6)
-                .copy_from(&(candidates * &self.basis));
+            rows.rows_mut(6 * s, 6).copy_from(&self.station_rows(pose));
         }
         for (point, role) in layout.roles.iter().enumerate() {
             if let PointRole::Kept { start } = role {
@@ -199,34 +204,37 @@ impl FreeMotions {
     }
 }
 
-/// Moves the estimates by a finite similarity so that the datum points are neither shifted nor turned nor (if it is
+/// Moves the estimates by a finite similarity, which is returned, so that the datum points are neither shifted nor turned nor (if it is
 /// free) scaled against `reference`, in the mean. The linear `S` would bend the network at second order.
 pub(super) fn move_onto_datum(
     problem: &BundleProblem,
     layout: &Layout,
     state: &mut State,
     reference: &[Vector3<f64>],
-) -> Result<(), AdjustmentError> {
+) -> Result<Similarity, AdjustmentError> {
     /// Iterations of the fit; each gains several digits.
     const ITERATIONS: usize = 50;
     /// The fit ends when its last move was below this part of the network's size: rounding.
     const NEGLIGIBLE: f64 = 1e-14;
+    let mut moved = Similarity::identity();
     for _ in 0..ITERATIONS {
         let free = FreeMotions::of(problem, layout, state);
         if free.defect() == 0 || problem.datum == Datum::Control {
-            return Ok(());
+            break;
         }
         let h = free.s_transformation(layout, state)?;
         let mut amount = DVector::zeros(free.defect());
         for (h, &p) in h.iter().zip(&layout.datum_points) {
             amount += h * (reference[p] - state.points[p]);
         }
-        apply(&free.similarity(&amount), state);
+        let motion = free.similarity(&amount);
+        apply(&motion, state);
+        moved = motion.after(&moved);
         if amount.norm() < NEGLIGIBLE * free.length {
-            return Ok(());
+            break;
         }
     }
-    Ok(())
+    Ok(moved)
 }
 
 pub(super) fn apply(similarity: &Similarity, state: &mut State) {

@@ -35,8 +35,7 @@ const UNKNOWNS_TO_LOOK_INTO: usize = 3000;
 /// the other nor fills what is empty.
 ///
 /// Cost: of every front, a third of the cube of its unknowns less that of what is left ([`super::structure`]).
-pub(super) struct Factor<'a> {
-    structure: &'a Structure,
+pub(super) struct Factor {
     scale: DVector<f64>,
     fronts: Vec<FrontFactor>,
 }
@@ -46,10 +45,10 @@ pub(super) struct FrontFactor {
     pub(super) columns: DMatrix<f64>,
 }
 
-impl<'a> Factor<'a> {
+impl Factor {
     pub(super) fn new(
         normals: &Normals,
-        layout: &'a Layout,
+        layout: &Layout,
         state: &State,
         free: &FreeMotions,
     ) -> Result<Self, AdjustmentError> {
@@ -72,15 +71,11 @@ impl<'a> Factor<'a> {
         );
         let fronts = factorise(structure, &matrix, sound)
             .map_err(|loose| rank_defect(normals, layout, state, free, loose))?;
-        Ok(Self {
-            structure,
-            scale,
-            fronts,
-        })
+        Ok(Self { scale, fronts })
     }
 
-    pub(super) fn solve(&self, right_side: &DVector<f64>) -> DVector<f64> {
-        let structure = self.structure;
+    /// The solution for one right side; `structure` is that of the layout it was made with.
+    pub(super) fn solve(&self, structure: &Structure, right_side: &DVector<f64>) -> DVector<f64> {
         let mut solution = right_side.component_mul(&self.scale);
         let rows = |front: &Front| -> Vec<usize> {
             let blocks = front.blocks.iter();
@@ -111,8 +106,8 @@ impl<'a> Factor<'a> {
     }
 
     /// The inverse of the regularised reduced matrix where the factor has entries.
-    pub(super) fn inverse(&self) -> SelectedInverse {
-        SelectedInverse::of(self.structure, &self.fronts, &self.scale)
+    pub(super) fn inverse(&self, structure: &Structure) -> SelectedInverse {
+        SelectedInverse::of(structure, &self.fronts, &self.scale)
     }
 }
 
@@ -485,20 +480,19 @@ mod tests {
             let scale = DVector::from_fn(n, |i, _| 1.0 + 0.01 * i as f64);
             let fronts = factorise(&structure, &matrix, |_, pivot| pivot > 0.0).unwrap();
             let factor = Factor {
-                structure: &structure,
                 scale: scale.clone(),
                 fronts,
             };
             let scaled = DMatrix::from_diagonal(&scale);
             let whole = &scaled * dense.try_inverse().unwrap() * &scaled;
             let right_side = DVector::from_fn(n, |i, _| (i as f64).sin());
-            let off = factor.solve(&right_side) - &whole * &right_side;
+            let off = factor.solve(&structure, &right_side) - &whole * &right_side;
             assert!(
                 off.amax() < 1e-12 * whole.amax() * n as f64,
                 "{seed}: {}",
                 off.amax()
             );
-            let inverse = factor.inverse();
+            let inverse = factor.inverse(&structure);
             for column in &structure.columns {
                 let blocks: Vec<usize> = [column.rows[0], column.rows[column.rows.len() - 1]]
                     .map(|block| block as usize)

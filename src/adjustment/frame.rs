@@ -128,27 +128,29 @@ fn rigid_part(
     Ok(h)
 }
 
-/// Moves estimates and covariances, which are those of the frame's datum already, into the frame's axes.
-pub(super) fn move_into_frame(
-    frame: &ThreeTwoOne<usize>,
-    adjustment: &mut Adjustment,
-) -> Result<(), AdjustmentError> {
-    let motion = frame.map(|p| adjustment.points[*p].position).motion()?;
-    let rotation = motion.rotation.matrix();
+/// Moves estimates and covariances, which are those of the new place's datum already.
+pub(super) fn move_adjustment(adjustment: &mut Adjustment, motion: &Similarity) {
+    let by_old = motion.scale * motion.rotation.matrix();
     for point in &mut adjustment.points {
         point.position = motion.apply(&point.position);
-        point.circle = point.circle.map(|circle| circle.moved(&motion));
-        point.covariance = point.covariance.map(|q| turned(rotation, &q));
+        point.circle = point.circle.map(|circle| circle.moved(motion));
+        point.covariance = point.covariance.map(|q| turned(&by_old, &q));
     }
     for station in &mut adjustment.stations {
-        move_station(&motion, &mut station.pose);
+        move_station(motion, &mut station.pose);
         // The turn is counted in the camera frame, which does not move.
-        let mut by_old = Matrix6::identity();
-        by_old.fixed_view_mut::<3, 3>(3, 3).copy_from(rotation);
-        let covariance = by_old * station.covariance * by_old.transpose();
+        let mut of_station = Matrix6::identity();
+        of_station.fixed_view_mut::<3, 3>(3, 3).copy_from(&by_old);
+        let covariance = of_station * station.covariance * of_station.transpose();
         station.covariance = (covariance + covariance.transpose()) / 2.0;
     }
-    // What the frame holds is zero; what stands there is rounding.
+    for observation in &mut adjustment.observations {
+        observation.influence_mm_per_px *= motion.scale;
+    }
+}
+
+/// What the frame holds is zero; what stands there is rounding.
+pub(super) fn hold(frame: &ThreeTwoOne<usize>, adjustment: &mut Adjustment) {
     for (p, axes) in frame.held() {
         let point = &mut adjustment.points[*p];
         for axis in axes {
@@ -159,8 +161,6 @@ pub(super) fn move_into_frame(
             }
         }
     }
-    adjustment.motion = Some(motion);
-    Ok(())
 }
 
 fn turned(rotation: &Matrix3<f64>, covariance: &Matrix3<f64>) -> Matrix3<f64> {

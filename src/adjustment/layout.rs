@@ -110,16 +110,6 @@ impl Layout {
                 kept += 3;
             }
         }
-        let datum_points = match &problem.datum {
-            super::Datum::InnerConstraints { points } => {
-                let mut points: Vec<usize> =
-                    points.iter().copied().filter(|&p| present[p]).collect();
-                points.sort_unstable();
-                points.dedup();
-                points
-            }
-            super::Datum::Control => Vec::new(),
-        };
         let mut starts: Vec<usize> = (0..problem.stations.len()).map(|s| 6 * s).collect();
         let cameras = camera_start.iter().zip(&camera_free);
         starts.extend(cameras.filter(|c| !c.1.is_empty()).map(|c| *c.0));
@@ -143,8 +133,11 @@ impl Layout {
             distance_used,
             frames: Vec::new(),
             used,
-            datum_points,
+            datum_points: Vec::new(),
         };
+        if let super::Datum::InnerConstraints { points } = &problem.datum {
+            layout.set_datum_points(points);
+        }
         layout.frames = layout.point_frames(problem, &starts);
         let of_frames = layout.frames.iter();
         let of_frames = of_frames.map(|frame| frame.blocks.iter().map(|block| block.0).collect());
@@ -170,6 +163,15 @@ impl Layout {
         }
         layout.frames_of_block = frames_of_block;
         Ok(layout)
+    }
+
+    /// Those of the points that take part are what the datum rests on.
+    pub(super) fn set_datum_points(&mut self, points: &[usize]) {
+        let present = points.iter().copied().filter(|&p| self.takes_part(p));
+        let mut points: Vec<usize> = present.collect();
+        points.sort_unstable();
+        points.dedup();
+        self.datum_points = points;
     }
 
     pub(super) fn takes_part(&self, point: usize) -> bool {

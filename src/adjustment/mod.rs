@@ -29,6 +29,7 @@
 mod block_matrix;
 mod circle;
 mod datum;
+mod derived;
 mod equations;
 mod error;
 mod factor;
@@ -42,10 +43,13 @@ mod result;
 mod runaways;
 mod selected_inverse;
 mod settling;
+mod significance;
+mod solved;
 mod solver;
 mod statistics;
 mod step;
 mod structure;
+mod transformation;
 
 #[cfg(test)]
 mod circle_tests;
@@ -56,9 +60,12 @@ mod frame_tests;
 #[cfg(test)]
 mod simulation;
 #[cfg(test)]
+mod solved_tests;
+#[cfg(test)]
 mod tests;
 
 pub use circle::{CircleEstimate, EllipseSight, MeasuredEllipse, estimate_circle, estimate_radius};
+pub use derived::{Derived, DerivedValues, ErrorEllipsoid, correlations};
 pub use error::{AdjustmentError, DatumMotion, ParameterName, ProblemPart, StationComponent};
 pub use problem::{
     BundleProblem, BundleSettings, CameraBlock, CoordinatePrior, Datum, DistanceObservation,
@@ -73,6 +80,11 @@ pub use result::{
     ImageStatistics, ObservationStatus,
 };
 pub use settling::{Settled, SettledPoint, settle};
+pub use significance::{
+    Sigma0Test, Sigma0Verdict, TestPower, VarianceOfUnitWeight, ellipsoid_factor, normal_critical,
+    student_critical, tau_critical,
+};
+pub use solved::{Part, SolvedNetwork};
 pub use solver::{BundleSolver, Iteration, Phase, Termination, TerminationKind};
 
 use crate::monitor::Monitor;

@@ -71,6 +71,9 @@ pub struct ImageStatistics {
     /// Normalised residuals `w = v / (sigma sqrt(r))` with the a-priori sigma (Baarda, 1968); for a rejected
     /// observation `v / (sigma sqrt(1 + diag(A Q A^T P)))`; 0 where nothing controls the coordinate.
     pub normalised: Option<Vector2<f64>>,
+    /// How far the observation's own point moves for an error of one pixel in x and in y, mm, in this adjustment's datum;
+    /// zeros for a rejected observation.
+    pub influence_mm_per_px: Vector2<f64>,
 }
 
 impl ImageStatistics {

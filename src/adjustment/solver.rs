@@ -6,10 +6,10 @@ use serde::{Deserialize, Serialize};
 use super::datum::{FreeMotions, move_onto_datum};
 use super::equations::{Equations, State, distance_equation, image_residuals, trial_residuals};
 use super::factor::Factor;
-use super::frame::move_into_frame;
 use super::layout::Layout;
 use super::normals::Normals;
-use super::statistics::{self, median};
+use super::solved::SolvedNetwork;
+use super::statistics::median;
 use super::step::Step;
 use super::{
     Adjustment, AdjustmentError, BundleProblem, BundleSettings, ParameterState, RobustStart,
@@ -204,43 +204,35 @@ impl BundleSolver {
     /// [`AdjustmentError::RankDefect`]; [`AdjustmentError::FramePoint`] or [`AdjustmentError::FrameShape`] where the
     /// three points do not give a frame.
     pub fn finish(self) -> Result<Adjustment, AdjustmentError> {
-        self.converged()?;
-        self.statistics()
+        Ok(self.solved()?.adjustment())
     }
 
     /// [`Self::finish`] at the present state, converged or not, and in the datum alone: good for finding gross errors,
     /// not for results.
     pub(super) fn finish_as_it_is(mut self) -> Result<Adjustment, AdjustmentError> {
         self.problem.frame = None;
-        self.statistics()
+        Ok(self.solved_as_it_is()?.adjustment())
     }
 
-    fn statistics(mut self) -> Result<Adjustment, AdjustmentError> {
+    /// The solved equations in the chosen datum and frame, for what [`Self::finish`] does not deliver.
+    ///
+    /// # Errors
+    /// As [`Self::finish`].
+    pub fn solved(self) -> Result<SolvedNetwork, AdjustmentError> {
+        self.converged()?;
+        self.solved_as_it_is()
+    }
+
+    fn solved_as_it_is(mut self) -> Result<SolvedNetwork, AdjustmentError> {
         let termination = self.termination.ok_or(AdjustmentError::NotFinished)?;
         let reference: Vec<Vector3<f64>> = self.problem.points.iter().map(|p| p.position).collect();
         move_onto_datum(&self.problem, &self.layout, &mut self.state, &reference)?;
-        let equations = Equations::at(&self.problem, &self.layout, &self.state);
-        let mut adjustment =
-            statistics::adjustment(&self.problem, &self.layout, &self.state, &equations)?;
-        adjustment.iterations = self.number;
-        adjustment.termination = termination;
-        if let Some(frame) = &self.problem.frame {
-            move_into_frame(frame, &mut adjustment)?;
-        }
-        Ok(adjustment)
-    }
-
-    /// Chooses other datum points: no new iteration is needed, [`Self::finish`] brings the network into the new datum.
-    ///
-    /// # Errors
-    /// As [`Self::new`].
-    pub fn set_datum(&mut self, points: Vec<usize>) -> Result<(), AdjustmentError> {
-        self.problem.datum = super::Datum::InnerConstraints { points };
-        self.layout = Layout::new(&self.problem)?;
-        FreeMotions::of(&self.problem, &self.layout, &self.state).check(
-            &self.problem,
-            &self.layout,
-            &self.state,
+        SolvedNetwork::new(
+            self.problem,
+            self.layout,
+            self.state,
+            self.number,
+            termination,
         )
     }
 
@@ -301,7 +293,8 @@ impl BundleSolver {
             )
             .and_then(|normals| {
                 let factor = Factor::new(&normals, &self.layout, &self.state, &free)?;
-                Ok((factor.solve(&normals.right_side), normals))
+                let kept = factor.solve(&self.layout.structure, &normals.right_side);
+                Ok((kept, normals))
             });
             match solved {
                 Err(defect) => {
@@ -425,7 +418,7 @@ impl BundleSolver {
         let normals =
             Normals::build(problem, layout, &self.state, &bent, weights, self.damping).ok()?;
         let factor = Factor::new(&normals, layout, &self.state, free).ok()?;
-        let kept = factor.solve(&normals.right_side);
+        let kept = factor.solve(&layout.structure, &normals.right_side);
         Some(Step::of(kept, &normals, layout))
     }
 

@@ -1,95 +1,60 @@
 //! Exact statistics of a converged adjustment: covariances in the chosen datum, redundancy, reliability.
 
-use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, SMatrix, Vector2};
+use nalgebra::{DMatrix, Matrix3, Matrix3x2, Matrix6, SMatrix, Vector2};
 use rayon::prelude::*;
 
-use super::datum::FreeMotions;
 use super::equations::{Equations, State};
-use super::factor::Factor;
-use super::frame::STransformation;
-use super::layout::{Layout, PointFrame, PointRole};
-use super::normals::{Normals, distance_row, whitened_rows};
+use super::layout::{Layout, PointFrame};
+use super::normals::{distance_row, whitened_rows};
 use super::selected_inverse::SelectedInverse;
+use super::solved::SolvedNetwork;
 use super::solver::other_squares;
 use super::{
-    AdjustedCamera, AdjustedPoint, AdjustedStation, Adjustment, AdjustmentError, BundleProblem,
-    DistanceStatistics, ImageStatistics, ObservationStatus, ParameterState, Termination,
-    TerminationKind,
+    AdjustedCamera, AdjustedPoint, AdjustedStation, Adjustment, BundleProblem, DistanceStatistics,
+    ImageStatistics, ObservationStatus, ParameterState,
 };
 
 /// Below this redundancy number an observation is not controlled: its normalised residual would be rounding.
 const UNCONTROLLED: f64 = 1e-9;
 
-/// What is needed to bring cofactors from the regularised system into the datum: `Q = S Q' S^T`.
-struct Transformation {
-    /// `G`.
-    motions: FreeMotions,
-    /// `C = Q' H^T`, rows of the reduced system.
-    kept: DMatrix<f64>,
-    /// `C`, 3 x d by frame.
-    points: Vec<DMatrix<f64>>,
-    /// `H C`, d x d.
-    inner: DMatrix<f64>,
+/// What the statistics of a ray are made of, per unit variance.
+#[derive(Clone, Copy)]
+struct RayCofactors {
+    observation: usize,
+    /// `diag(A Q A^T)`, px^2.
+    leverage: Vector2<f64>,
+    /// `Q A^T`, the rows of the ray's own point, mm px: how the point follows an error of the observation.
+    response: Matrix3x2<f64>,
 }
 
-/// Cofactors of a point and `diag(A Q A^T)` of its rays, px^2 per unit variance.
+/// Cofactors of a point and of its rays.
 struct PointStatistics {
     cofactor: Matrix3<f64>,
-    leverages: Vec<(usize, Vector2<f64>)>,
+    rays: Vec<RayCofactors>,
 }
 
-pub(super) fn adjustment(
-    problem: &BundleProblem,
-    layout: &Layout,
-    state: &State,
-    equations: &Equations,
-) -> Result<Adjustment, AdjustmentError> {
-    let weights: Vec<f64> = problem
-        .observations
-        .iter()
-        .zip(&layout.used)
-        .map(|(o, used)| if *used { o.sigma_px.powi(-2) } else { 0.0 })
+/// All statistics of a solved network, in its datum.
+pub(super) fn adjustment(network: &SolvedNetwork) -> Adjustment {
+    let SolvedNetwork {
+        problem,
+        layout,
+        state,
+        equations,
+        variance,
+        counts,
+        ..
+    } = network;
+    let frames = layout.frames.par_iter().enumerate().with_min_len(8);
+    let points: Vec<PointStatistics> = frames
+        .map(|(at, frame)| point_statistics(network, at, frame))
         .collect();
-    let normals = Normals::build(problem, layout, state, equations, &weights, 0.0)?;
-    let free = FreeMotions::of(problem, layout, state);
-    let factor = Factor::new(&normals, layout, state, &free)?;
-    let inverse = factor.inverse();
-    let counts = Counts::of(problem, layout, free.defect());
-    let onto_datum = STransformation::new(free, problem, layout, state)?;
-    let transformation = Transformation::new(onto_datum, layout, state, &normals, &factor);
-
-    let squares = image_squares(problem, layout, equations) + other_squares(problem, layout, state);
-    // Without redundancy nothing tests the a-priori sigmas: they are believed.
-    let sigma0 = if counts.redundancy > 0 {
-        (squares / counts.redundancy as f64).sqrt()
-    } else {
-        1.0
-    };
-    let points: Vec<PointStatistics> = layout
-        .frames
-        .par_iter()
-        .enumerate()
-        .with_min_len(8)
-        .map(|(f, frame)| {
-            point_statistics(
-                layout,
-                state,
-                equations,
-                &normals,
-                &inverse,
-                &transformation,
-                f,
-                frame,
-            )
-        })
-        .collect();
-    let variance = sigma0 * sigma0;
-    Ok(Adjustment {
-        cameras: cameras(layout, state, &inverse, variance),
-        stations: stations(problem, layout, state, &inverse, &transformation, variance),
+    let sigma0 = variance.sqrt();
+    Adjustment {
+        cameras: cameras(layout, state, &network.inverse, *variance),
+        stations: stations(network),
         observations: image_statistics(problem, layout, equations, &points),
-        distances: distance_statistics(problem, layout, equations, &inverse),
-        points: adjusted_points(layout, state, &points, variance),
+        distances: distance_statistics(problem, layout, equations, &network.inverse),
+        points: adjusted_points(layout, state, &points, *variance),
         sigma0,
         sigma0_px: sigma0 * rms_sigma_px(problem, layout),
         rms_px: rms_px(layout, equations),
@@ -98,13 +63,26 @@ pub(super) fn adjustment(
         datum_defect: counts.defect,
         redundancy: counts.redundancy,
         motion: None,
-        iterations: 0,
-        termination: Termination {
-            kind: TerminationKind::Converged,
-            value: 0.0,
-            threshold: 0.0,
-        },
-    })
+        iterations: network.iterations,
+        termination: network.termination,
+    }
+}
+
+/// The variance of unit weight, a-posteriori.
+pub(super) fn variance(
+    problem: &BundleProblem,
+    layout: &Layout,
+    state: &State,
+    equations: &Equations,
+    counts: &Counts,
+) -> f64 {
+    let squares = image_squares(problem, layout, equations) + other_squares(problem, layout, state);
+    // Without redundancy nothing tests the a-priori sigmas: they are believed.
+    if counts.redundancy > 0 {
+        squares / counts.redundancy as f64
+    } else {
+        1.0
+    }
 }
 
 /// The median; the mean of the middle two for an even number; `None` without values.
@@ -118,7 +96,8 @@ pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
     }
 }
 
-struct Counts {
+/// How many of what.
+pub(super) struct Counts {
     observations: usize,
     unknowns: usize,
     defect: usize,
@@ -126,7 +105,7 @@ struct Counts {
 }
 
 impl Counts {
-    fn of(problem: &BundleProblem, layout: &Layout, defect: usize) -> Self {
+    pub(super) fn of(problem: &BundleProblem, layout: &Layout, defect: usize) -> Self {
         let images = 2 * layout.used.iter().filter(|u| **u).count();
         let distances = layout.distance_used.iter().filter(|u| **u).count();
         let coordinates: usize = layout
@@ -151,116 +130,20 @@ impl Counts {
     }
 }
 
-impl Transformation {
-    fn new(
-        onto_datum: STransformation,
-        layout: &Layout,
-        state: &State,
-        normals: &Normals,
-        factor: &Factor,
-    ) -> Self {
-        let STransformation { motions, h } = onto_datum;
-        let d = motions.defect();
-        let mut h_of_points: Vec<Option<&DMatrix<f64>>> = vec![None; state.points.len()];
-        for (p, h) in &h {
-            h_of_points[*p] = Some(h);
-        }
-        let mut right_side = DMatrix::zeros(layout.kept, d);
-        for (frame, normal) in layout.frames.iter().zip(&normals.points) {
-            let Some(h) = h_of_points[frame.point] else {
-                continue;
-            };
-            match normal {
-                Some(normal) => {
-                    let reduced = normal.inverse * h.transpose();
-                    for (y, &i) in normal.coupling.iter().zip(&frame.index) {
-                        let change = y.transpose() * &reduced;
-                        for k in 0..d {
-                            right_side[(i, k)] -= change[k];
-                        }
-                    }
-                }
-                None => {
-                    if let PointRole::Kept { start } = layout.roles[frame.point] {
-                        let mut rows = right_side.rows_mut(start, 3);
-                        rows += h.transpose();
-                    }
-                }
-            }
-        }
-        let mut kept = DMatrix::zeros(layout.kept, d);
-        for k in 0..d {
-            let column: DVector<f64> = right_side.column(k).into_owned();
-            kept.set_column(k, &factor.solve(&column));
-        }
-        let mut inner = DMatrix::zeros(d, d);
-        let mut points = Vec::with_capacity(layout.frames.len());
-        for (frame, normal) in layout.frames.iter().zip(&normals.points) {
-            let c = point_rows_of_c(
-                layout,
-                frame,
-                normal.as_ref(),
-                h_of_points[frame.point],
-                &kept,
-            );
-            if let Some(h) = h_of_points[frame.point] {
-                inner += h * &c;
-            }
-            points.push(c);
-        }
-        Self {
-            motions,
-            kept,
-            points,
-            inner,
-        }
-    }
-
-    /// `Q_ii = Q'_ii - G_i C_i^T - C_i G_i^T + G_i (H C) G_i^T` for the unknowns with rows `g`, `c` (n x d).
-    fn apply(&self, cofactor: &DMatrix<f64>, g: &DMatrix<f64>, c: &DMatrix<f64>) -> DMatrix<f64> {
-        let cross = g * c.transpose();
-        cofactor - &cross - cross.transpose() + g * &self.inner * g.transpose()
-    }
-}
-
-fn point_rows_of_c(
-    layout: &Layout,
-    frame: &PointFrame,
-    normal: Option<&super::normals::PointNormal>,
-    h: Option<&DMatrix<f64>>,
-    kept: &DMatrix<f64>,
-) -> DMatrix<f64> {
-    let d = kept.ncols();
-    match (normal, layout.roles[frame.point]) {
-        (Some(normal), _) => {
-            let mut right_side = h.map_or_else(|| DMatrix::zeros(3, d), DMatrix::transpose);
-            for (y, &i) in normal.coupling.iter().zip(&frame.index) {
-                right_side -= y * kept.row(i);
-            }
-            let rows = normal.inverse * right_side;
-            DMatrix::from_column_slice(3, d, rows.as_slice())
-        }
-        (None, PointRole::Kept { start }) => kept.rows(start, 3).into_owned(),
-        (None, _) => DMatrix::zeros(3, d),
-    }
-}
-
 #[allow(clippy::too_many_arguments, reason = "the solved system, read only")]
-fn point_statistics(
-    layout: &Layout,
-    state: &State,
-    equations: &Equations,
-    normals: &Normals,
-    inverse: &SelectedInverse,
-    transformation: &Transformation,
-    at: usize,
-    frame: &PointFrame,
-) -> PointStatistics {
+fn point_statistics(network: &SolvedNetwork, at: usize, frame: &PointFrame) -> PointStatistics {
+    let SolvedNetwork {
+        layout,
+        state,
+        equations,
+        transformation,
+        ..
+    } = network;
     let q = frame.index.len();
     let blocks: Vec<usize> = frame.blocks.iter().map(|block| block.0).collect();
-    let local = inverse.among(&layout.structure, &blocks);
+    let local = network.inverse.among(&layout.structure, &blocks);
     // Cofactors of the kept unknowns with the point, and of the point itself (block inverse).
-    let (cross, own) = match (&normals.points[at], frame.own_at) {
+    let (cross, own) = match (&network.normals.points[at], frame.own_at) {
         (Some(normal), _) => {
             let reduced =
                 DMatrix::from_fn(q, 3, |i, k| (normal.inverse * normal.coupling.at(i))[k]);
@@ -269,48 +152,49 @@ fn point_statistics(
             (cross, own)
         }
         (None, Some(start)) => (
-            DMatrix::zeros(q, 3),
+            local.columns(start, 3).into_owned(),
             local.fixed_view::<3, 3>(start, start).into_owned(),
         ),
         (None, None) => (DMatrix::zeros(q, 3), Matrix3::zeros()),
     };
-    let leverages = frame
-        .rays
-        .iter()
-        .filter_map(|ray| {
-            let equation = equations.rays[ray.observation].as_ref()?;
-            let rows = whitened_rows(layout, ray, equation, 1.0);
-            let kept = rows.kept(ray, frame.own_at);
-            let mut variance = Vector2::zeros();
-            for &(i, a) in kept.iter() {
-                for &(j, b) in kept.iter() {
-                    variance += a.component_mul(&b) * local[(i, j)];
-                }
-            }
-            if frame.own_at.is_none() {
-                let b = &rows.by_point;
-                for &(i, a) in kept.iter() {
-                    let c = cross.row(i);
-                    for axis in 0..2 {
-                        variance[axis] += 2.0
-                            * a[axis]
-                            * (c[0] * b[(axis, 0)] + c[1] * b[(axis, 1)] + c[2] * b[(axis, 2)]);
-                    }
-                }
-                variance += (b * own * b.transpose()).diagonal();
-            }
-            Some((ray.observation, variance))
-        })
-        .collect();
     let g = transformation
         .motions
         .point_rows(&state.points[frame.point]);
+    let c = &transformation.points[at];
+    let rays = frame.rays.iter().filter_map(|ray| {
+        let equation = equations.rays[ray.observation].as_ref()?;
+        let rows = whitened_rows(layout, ray, equation, 1.0);
+        let kept = rows.kept(ray, frame.own_at);
+        let mut leverage = Vector2::zeros();
+        // Q' A^T of the point, and C^T A^T.
+        let mut response = Matrix3x2::zeros();
+        let mut moved = DMatrix::zeros(g.ncols(), 2);
+        for &(i, a) in kept.iter() {
+            for &(j, b) in kept.iter() {
+                leverage += a.component_mul(&b) * local[(i, j)];
+            }
+            response += cross.fixed_view::<1, 3>(i, 0).transpose() * a.transpose();
+            moved += transformation.kept.row(frame.index[i]).transpose() * a.transpose();
+        }
+        if frame.own_at.is_none() {
+            let b = &rows.by_point;
+            leverage += 2.0 * (b * response).diagonal() + (b * own * b.transpose()).diagonal();
+            response += own * b.transpose();
+            moved += c.transpose() * b.transpose();
+        }
+        let response = response - (&g * moved).fixed_view::<3, 2>(0, 0);
+        Some(RayCofactors {
+            observation: ray.observation,
+            leverage,
+            response,
+        })
+    });
     let own = DMatrix::from_fn(3, 3, |i, j| own[(i, j)]);
-    let cofactor = transformation.apply(&own, &g, &transformation.points[at]);
+    let cofactor = transformation.apply(&own, &g, c);
     let cofactor: Matrix3<f64> = cofactor.fixed_view::<3, 3>(0, 0).into_owned();
     PointStatistics {
         cofactor: (cofactor + cofactor.transpose()) / 2.0,
-        leverages,
+        rays: rays.collect(),
     }
 }
 
@@ -340,28 +224,27 @@ fn cameras(
     (0..state.cameras.len()).map(camera).collect()
 }
 
-fn stations(
-    problem: &BundleProblem,
-    layout: &Layout,
-    state: &State,
-    inverse: &SelectedInverse,
-    transformation: &Transformation,
-    variance: f64,
-) -> Vec<AdjustedStation> {
-    let rows = transformation.motions.kept_rows(layout, state);
+fn stations(network: &SolvedNetwork) -> Vec<AdjustedStation> {
+    let SolvedNetwork {
+        problem,
+        layout,
+        state,
+        transformation,
+        variance,
+        ..
+    } = network;
     (0..state.poses.len())
         .map(|s| {
-            let at = 6 * s;
             let cofactor = transformation.apply(
-                &inverse.among(&layout.structure, &[s]),
-                &rows.rows(at, 6).into_owned(),
-                &transformation.kept.rows(at, 6).into_owned(),
+                &network.inverse.among(&layout.structure, &[s]),
+                &transformation.motions.station_rows(&state.poses[s]),
+                &transformation.kept.rows(6 * s, 6).into_owned(),
             );
             let cofactor: Matrix6<f64> = cofactor.fixed_view::<6, 6>(0, 0).into_owned();
             AdjustedStation {
                 camera: problem.stations[s].camera,
                 pose: state.poses[s],
-                covariance: (cofactor + cofactor.transpose()) * (variance / 2.0),
+                covariance: (cofactor + cofactor.transpose()) * (*variance / 2.0),
             }
         })
         .collect()
@@ -398,9 +281,9 @@ fn image_statistics(
     equations: &Equations,
     points: &[PointStatistics],
 ) -> Vec<ImageStatistics> {
-    let mut leverages = vec![None; problem.observations.len()];
-    for (observation, variance) in points.iter().flat_map(|p| &p.leverages) {
-        leverages[*observation] = Some(*variance);
+    let mut cofactors = vec![None; problem.observations.len()];
+    for ray in points.iter().flat_map(|p| &p.rays) {
+        cofactors[ray.observation] = Some(*ray);
     }
     let statistics = |i: usize| {
         let sigma = problem.observations[i].sigma_px;
@@ -409,15 +292,16 @@ fn image_statistics(
         } else {
             ObservationStatus::Rejected
         };
-        let (Some(equation), Some(leverage)) = (&equations.rays[i], leverages[i]) else {
+        let (Some(equation), Some(cofactors)) = (&equations.rays[i], cofactors[i]) else {
             return ImageStatistics {
                 status,
                 residual_px: None,
                 redundancy: Vector2::zeros(),
                 normalised: None,
+                influence_mm_per_px: Vector2::zeros(),
             };
         };
-        let share: Vector2<f64> = leverage / (sigma * sigma);
+        let share: Vector2<f64> = cofactors.leverage / (sigma * sigma);
         let residual = equation.residual;
         let (redundancy, factor) = match status {
             ObservationStatus::Used => {
@@ -439,6 +323,15 @@ fn image_statistics(
             residual_px: Some(residual),
             redundancy,
             normalised: Some(normalised),
+            influence_mm_per_px: match status {
+                ObservationStatus::Used => {
+                    Vector2::new(
+                        cofactors.response.column(0).norm(),
+                        cofactors.response.column(1).norm(),
+                    ) / (sigma * sigma)
+                }
+                ObservationStatus::Rejected => Vector2::zeros(),
+            },
         }
     };
     (0..problem.observations.len()).map(statistics).collect()

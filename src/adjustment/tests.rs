@@ -63,8 +63,8 @@ fn switching_the_datum_needs_no_new_iteration() {
     let mut problem = box_network(&scene(6)).problem;
     let mut solver = BundleSolver::new(problem.clone(), BundleSettings::default()).unwrap();
     while solver.iterate().unwrap().termination.is_none() {}
-    solver.set_datum(vec![1, 5, 9, 14]).unwrap();
-    let switched = solver.finish().unwrap();
+    let solved = solver.solved().unwrap();
+    let switched = solved.in_datum(vec![1, 5, 9, 14]).unwrap().adjustment();
     problem.datum = Datum::InnerConstraints {
         points: vec![1, 5, 9, 14],
     };

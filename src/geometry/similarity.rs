@@ -31,6 +31,16 @@ impl Similarity {
         self.scale * (self.rotation * point) + self.translation
     }
 
+    /// This transformation after another one.
+    #[must_use]
+    pub fn after(&self, first: &Self) -> Self {
+        Self {
+            scale: self.scale * first.scale,
+            rotation: self.rotation * first.rotation,
+            translation: self.apply(&first.translation),
+        }
+    }
+
     /// The transformation back.
     #[must_use]
     pub fn inverse(&self) -> Self {

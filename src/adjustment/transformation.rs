@@ -1,0 +1,140 @@
+//! The S-transformation of cofactors from the regularised system into the datum: `Q = S Q' S^T` (Baarda, 1973).
+
+use nalgebra::DMatrix;
+
+use super::datum::FreeMotions;
+use super::equations::State;
+use super::factor::Factor;
+use super::frame::STransformation;
+use super::layout::{Layout, PointFrame, PointRole};
+use super::normals::{Normals, PointNormal};
+
+/// What is needed to bring cofactors from the regularised system into the datum: `Q = S Q' S^T`.
+pub(super) struct Transformation {
+    /// `G`.
+    pub(super) motions: FreeMotions,
+    /// `C = Q' H^T`, rows of the reduced system.
+    pub(super) kept: DMatrix<f64>,
+    /// `C`, 3 x d by frame.
+    pub(super) points: Vec<DMatrix<f64>>,
+    /// `H C`, d x d.
+    inner: DMatrix<f64>,
+}
+
+impl Transformation {
+    /// Cost: a solve with the factor for each motion.
+    pub(super) fn new(
+        onto_datum: STransformation,
+        layout: &Layout,
+        state: &State,
+        normals: &Normals,
+        factor: &Factor,
+    ) -> Self {
+        let STransformation { motions, h } = onto_datum;
+        let d = motions.defect();
+        let mut h_of_points: Vec<Option<&DMatrix<f64>>> = vec![None; state.points.len()];
+        for (p, h) in &h {
+            h_of_points[*p] = Some(h);
+        }
+        let mut right_side = DMatrix::zeros(layout.kept, d);
+        for (frame, normal) in layout.frames.iter().zip(&normals.points) {
+            let Some(h) = h_of_points[frame.point] else {
+                continue;
+            };
+            add_to_right_side(&mut right_side, layout, frame, normal.as_ref(), h);
+        }
+        let kept = solved(layout, factor, &right_side);
+        let mut inner = DMatrix::zeros(d, d);
+        let mut points = Vec::with_capacity(layout.frames.len());
+        for (frame, normal) in layout.frames.iter().zip(&normals.points) {
+            let c = point_rows(
+                layout,
+                frame,
+                normal.as_ref(),
+                h_of_points[frame.point],
+                &kept,
+            );
+            if let Some(h) = h_of_points[frame.point] {
+                inner += h * &c;
+            }
+            points.push(c);
+        }
+        Self {
+            motions,
+            kept,
+            points,
+            inner,
+        }
+    }
+
+    /// `Q_ii = Q'_ii - G_i C_i^T - C_i G_i^T + G_i (H C) G_i^T` for the unknowns with rows `g`, `c` (n x d).
+    pub(super) fn apply(
+        &self,
+        cofactor: &DMatrix<f64>,
+        g: &DMatrix<f64>,
+        c: &DMatrix<f64>,
+    ) -> DMatrix<f64> {
+        let cross = g * c.transpose();
+        cofactor - &cross - cross.transpose() + g * &self.inner * g.transpose()
+    }
+}
+
+/// `Q' R` over the reduced system for right sides `R`, a column each.
+pub(super) fn solved(layout: &Layout, factor: &Factor, right_side: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut kept = DMatrix::zeros(layout.kept, right_side.ncols());
+    for k in 0..right_side.ncols() {
+        let column = right_side.column(k).into_owned();
+        kept.set_column(k, &factor.solve(&layout.structure, &column));
+    }
+    kept
+}
+
+/// Adds what the right side `h^T` (`h` is k x 3) of a point's own equations is in the reduced system.
+pub(super) fn add_to_right_side(
+    right_side: &mut DMatrix<f64>,
+    layout: &Layout,
+    frame: &PointFrame,
+    normal: Option<&PointNormal>,
+    h: &DMatrix<f64>,
+) {
+    match (normal, layout.roles[frame.point]) {
+        (Some(normal), _) => {
+            let reduced = normal.inverse * h.transpose();
+            for (y, &i) in normal.coupling.iter().zip(&frame.index) {
+                let change = y.transpose() * &reduced;
+                for k in 0..h.nrows() {
+                    right_side[(i, k)] -= change[k];
+                }
+            }
+        }
+        (None, PointRole::Kept { start }) => {
+            let mut rows = right_side.rows_mut(start, 3);
+            rows += h.transpose();
+        }
+        (None, _) => {}
+    }
+}
+
+/// The rows of `Q' R` that belong to a point, from those of the reduced system; `h` as in [`add_to_right_side`] where `R` has
+/// rows for this point.
+pub(super) fn point_rows(
+    layout: &Layout,
+    frame: &PointFrame,
+    normal: Option<&PointNormal>,
+    h: Option<&DMatrix<f64>>,
+    kept: &DMatrix<f64>,
+) -> DMatrix<f64> {
+    let d = kept.ncols();
+    match (normal, layout.roles[frame.point]) {
+        (Some(normal), _) => {
+            let mut right_side = h.map_or_else(|| DMatrix::zeros(3, d), DMatrix::transpose);
+            for (y, &i) in normal.coupling.iter().zip(&frame.index) {
+                right_side -= y * kept.row(i);
+            }
+            let rows = normal.inverse * right_side;
+            DMatrix::from_column_slice(3, d, rows.as_slice())
+        }
+        (None, PointRole::Kept { start }) => kept.rows(start, 3).into_owned(),
+        (None, _) => DMatrix::zeros(3, d),
+    }
+}
