@@ -20,14 +20,18 @@
 //!   and the estimates move by the finite motion. The scale stays as the datum has it.
 //! - **Circles.** The circle of a target is what its ellipses agree on ([`estimate_circle`]); it is estimated between
 //!   adjustments and kept in them, where it moves with the network.
-//! - **Reliability.** Redundancy numbers and normalised residuals after Baarda (1968); gross errors are found by
-//!   iterated data snooping with a robust start and restoration ([`adjust_with_rejection`]).
+//! - **Reliability.** Redundancy numbers and normalised residuals after Baarda (1968), tau after Pope (1976), smallest
+//!   detectable errors and what they do to coordinates; gross errors are found by iterated data snooping with a robust start
+//!   and restoration ([`adjust_with_rejection`]), wrong weights by variance components ([`adjust_with_components`]).
+//! - **Afterwards.** [`SolvedNetwork`] keeps the solved equations: joint covariances of whatever is asked for, derived
+//!   quantities, and other datums, without adjusting again.
 //!
 //! Invariant: results do not depend on the number of threads. Chunks follow from the problem alone and sums run in
 //! their order.
 
 mod block_matrix;
 mod circle;
+mod components;
 mod datum;
 mod derived;
 mod equations;
@@ -65,6 +69,10 @@ mod solved_tests;
 mod tests;
 
 pub use circle::{CircleEstimate, EllipseSight, MeasuredEllipse, estimate_circle, estimate_radius};
+pub use components::{
+    ComponentAdjustment, ObservationGroups, VarianceComponent, adjust_with_components,
+    variance_components,
+};
 pub use derived::{Derived, DerivedValues, ErrorEllipsoid, correlations};
 pub use error::{AdjustmentError, DatumMotion, ParameterName, ProblemPart, StationComponent};
 pub use problem::{
@@ -74,7 +82,7 @@ pub use problem::{
 pub use rejection::{
     RejectedObservation, RejectionReason, RobustAdjustment, adjust_with_rejection,
 };
-pub use rejection_settings::RejectionSettings;
+pub use rejection_settings::{OutlierTest, RejectionSettings};
 pub use result::{
     AdjustedCamera, AdjustedPoint, AdjustedStation, Adjustment, DistanceStatistics,
     ImageStatistics, ObservationStatus,
@@ -82,7 +90,7 @@ pub use result::{
 pub use settling::{Settled, SettledPoint, settle};
 pub use significance::{
     Sigma0Test, Sigma0Verdict, TestPower, VarianceOfUnitWeight, ellipsoid_factor, normal_critical,
-    student_critical, tau_critical,
+    normal_level, student_critical, tau_critical,
 };
 pub use solved::{Part, SolvedNetwork};
 pub use solver::{BundleSolver, Iteration, Phase, Termination, TerminationKind};

@@ -5,11 +5,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::datum::apply;
 use super::equations::State;
 use super::runaways::runaways;
+use super::significance::{normal_level, tau_critical};
 use super::solver::{LEAST_SCALE, SIGMA_FROM_MEDIAN, robust_scale};
 use super::statistics::median;
 use super::{
     Adjustment, AdjustmentError, BundleProblem, BundleSettings, BundleSolver, ObservationStatus,
-    ParameterName, Phase, RejectionSettings, RobustStart,
+    OutlierTest, ParameterName, Phase, RejectionSettings, RobustStart,
 };
 use crate::monitor::{Monitor, Task};
 
@@ -328,7 +329,7 @@ impl<'a> Snooping<'a> {
 
     /// The normalised residuals that are too large, the largest of each point and station.
     fn reject(&mut self, adjustment: &Adjustment) -> bool {
-        let critical = self.settings.critical * scale_of_tests(adjustment);
+        let critical = limit(self.settings.test, self.settings.critical, adjustment);
         let candidates = adjustment
             .observations
             .iter()
@@ -382,7 +383,7 @@ impl<'a> Snooping<'a> {
     }
 
     fn restore(&mut self, adjustment: &Adjustment) -> bool {
-        let limit = self.settings.restore * scale_of_tests(adjustment);
+        let limit = limit(self.settings.test, self.settings.restore, adjustment);
         let fitting: Vec<usize> = self
             .rejected
             .keys()
@@ -427,6 +428,19 @@ struct Candidate {
 enum Neighbourhood {
     Point,
     PointAndStation,
+}
+
+/// The largest `|w|` that agrees with a critical value of a standard normal deviate.
+fn limit(test: OutlierTest, critical: f64, adjustment: &Adjustment) -> f64 {
+    match test {
+        OutlierTest::RobustScale => critical * scale_of_tests(adjustment),
+        OutlierTest::APriori => critical,
+        OutlierTest::APosteriori => {
+            let tau = tau_critical(normal_level(critical), adjustment.redundancy);
+            // One degree of freedom: every tau is one, and nothing can be told.
+            adjustment.sigma0 * tau.unwrap_or(critical)
+        }
+    }
 }
 
 /// 1.4826 times the median `|w|` of the used observations: `sigma0` as gross errors cannot spoil it.
@@ -516,6 +530,21 @@ mod tests {
     fn wrong_a_priori_sigmas_neither_reject_everything_nor_hide_blunders() {
         blunders_are_found(&RejectionSettings::default(), 0.2);
         blunders_are_found(&RejectionSettings::default(), 10.0);
+    }
+
+    #[test]
+    fn blunders_are_found_by_the_sigmas_that_were_given_and_by_their_ratios() {
+        for (test, sigma_factor) in [
+            (OutlierTest::APriori, 1.0),
+            (OutlierTest::APosteriori, 1.0),
+            (OutlierTest::APosteriori, 5.0),
+        ] {
+            let settings = RejectionSettings {
+                test,
+                ..RejectionSettings::default()
+            };
+            blunders_are_found(&settings, sigma_factor);
+        }
     }
 
     #[test]

@@ -41,6 +41,12 @@ pub fn normal_critical(level: f64) -> f64 {
     Normal::standard().inverse_cdf(1.0 - level / 2.0)
 }
 
+/// The level whose two-sided critical value of a normal deviate this is.
+#[must_use]
+pub fn normal_level(critical: f64) -> f64 {
+    2.0 * Normal::standard().sf(critical)
+}
+
 /// Two-sided critical value of Student's t with `freedom` degrees of freedom (> 0).
 #[must_use]
 pub fn student_critical(level: f64, freedom: f64) -> Option<f64> {
@@ -160,6 +166,7 @@ mod tests {
             assert!((found - table).abs() < digits, "{found} for {table}");
         };
         near(normal_critical(0.001), 3.2905, 1e-4);
+        near(normal_level(3.2905), 0.001, 1e-6);
         near(TestPower::default().noncentrality(), 4.1321, 1e-4);
         near(student_critical(0.05, 10.0).unwrap(), 2.228, 5e-4);
         near(student_critical(0.001, 30.0).unwrap(), 3.646, 5e-4);

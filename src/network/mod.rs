@@ -33,8 +33,8 @@ pub use image::{
 };
 pub use label::{CodeDot, PointId, PointKind, UnknownLabel};
 pub use result::{
-    AdjustedObservation, AdjustmentResult, BarResult, CameraResult, IdentificationPass, Point,
-    ScaleSource, Standing,
+    AdjustedObservation, AdjustmentResult, BarResult, CameraResult, ComponentResult,
+    IdentificationPass, Point, ScaleSource, Standing,
 };
 pub use settings::{DevicePose, DotFamily, MeasurementSettings, TargetSizes};
 pub use stage::{About, Conclusion, Finding, FindingKind, Outcome, Stage};

@@ -85,6 +85,19 @@ pub struct BarResult {
     pub test: Option<f64>,
 }
 
+/// How exact a group of observations is by its own residuals.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ComponentResult {
+    /// What is grouped, in words.
+    pub group: String,
+    /// Root of the variance component: residuals over what the a-priori sigmas let expect.
+    pub factor: f64,
+    /// Its standard deviation.
+    pub sigma: f64,
+    /// Sum of redundancy numbers.
+    pub redundancy: f64,
+}
+
 /// Where the scale of the coordinates comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -141,6 +154,9 @@ pub struct AdjustmentResult {
     pub cameras: Vec<CameraResult>,
     /// Scale bars.
     pub bars: Vec<BarResult>,
+    /// Groups of observations; none in older projects.
+    #[serde(default)]
+    pub components: Vec<ComponentResult>,
     /// Image observations, by image and dot.
     pub observations: Vec<AdjustedObservation>,
 }

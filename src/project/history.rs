@@ -311,6 +311,7 @@ mod tests {
             frame: FrameResult::default(),
             scale_from: ScaleSource::Codes,
             cameras: Vec::new(),
+            components: Vec::new(),
             bars: Vec::new(),
             observations: Vec::new(),
         }))

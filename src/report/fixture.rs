@@ -208,6 +208,7 @@ fn adjustment() -> AdjustmentResult {
             camera: CameraId(1),
             covariance,
         }],
+        components: Vec::new(),
         bars: Vec::new(),
         observations: vec![
             used(0, "C1"),

@@ -5,9 +5,14 @@ use std::fmt::Write;
 use serde::Serialize;
 
 use super::export::adjusted_points;
+use crate::adjustment::Sigma0Test;
 use crate::network::{
-    About, AdjustmentResult, FindingKind, ImageUse, Network, Outcome, ScaleSource, Stage,
+    About, AdjustmentResult, ComponentResult, FindingKind, ImageUse, Network, Outcome, ScaleSource,
+    Stage,
 };
+
+/// Level of the test of sigma0.
+const TEST_LEVEL: f64 = 0.05;
 
 /// A stage that ran.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -51,6 +56,8 @@ pub struct RunSummary {
     pub findings: Vec<FindingReport>,
     #[serde(skip)]
     datum: Option<String>,
+    #[serde(skip)]
+    components: Vec<ComponentResult>,
 }
 
 /// A finding with names in place of ids.
@@ -98,6 +105,7 @@ impl RunSummary {
             scale_from: adjustment.map(|a| a.scale_from),
             findings: findings(network),
             datum: adjustment.map(|a| a.datum.clone()),
+            components: adjustment.map_or_else(Vec::new, |a| a.components.clone()),
         }
     }
 
@@ -133,6 +141,14 @@ impl RunSummary {
                     "sigma0        {sigma0:.3} ({sigma0_px:.4} px), rms {rms_px:.4} px, redundancy {}",
                     self.redundancy.unwrap_or_default()
                 );
+                let redundancy = self.redundancy.and_then(|r| usize::try_from(r).ok());
+                if let Some(test) = Sigma0Test::new(sigma0, redundancy.unwrap_or(0), TEST_LEVEL) {
+                    let _ = writeln!(text, "              {}", test.in_words());
+                }
+                if !self.components.is_empty() {
+                    let groups: Vec<String> = self.components.iter().map(in_words).collect();
+                    let _ = writeln!(text, "residuals     {} a-priori sigmas", groups.join(", "));
+                }
                 let _ = writeln!(text, "sigma station {sigma_station:.4} mm (a posteriori)");
             }
             _ => text.push_str("sigma0        no adjustment of the present measurement\n"),
@@ -155,6 +171,14 @@ impl RunSummary {
         }
         text
     }
+}
+
+/// A group as `code dots 1.02 +- 0.01`.
+fn in_words(component: &ComponentResult) -> String {
+    format!(
+        "{} {:.2} +- {:.2}",
+        component.group, component.factor, component.sigma
+    )
 }
 
 /// What two stages noticed alike is told once; an excluded image is of no concern.

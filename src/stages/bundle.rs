@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
+use super::components::components;
 use super::gross::far_off;
 use super::lens::{LensFreedom, images_of_cameras, parameter_states};
 use super::scale::{bars_in_reach, scale_source};
@@ -416,6 +417,7 @@ impl Bundle {
                 })
                 .collect(),
             bars: self.bar_results(network, adjustment),
+            components: components(&self.problem, &self.points, adjustment),
             observations,
         }
     }

@@ -20,6 +20,7 @@ mod chance;
 mod circle_tests;
 mod circles;
 mod code_shape;
+mod components;
 mod connect;
 mod detect;
 mod device;

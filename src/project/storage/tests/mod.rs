@@ -233,6 +233,7 @@ fn adjustment(next: &mut impl FnMut() -> f64) -> AdjustmentResult {
             camera: CameraId(0),
             covariance: SMatrix::from_fn(|_, _| next()),
         }],
+        components: Vec::new(),
         bars: vec![BarResult {
             name: "bar".into(),
             difference_mm: next(),
