@@ -33,6 +33,7 @@ mod equations;
 mod error;
 mod factor;
 mod frame;
+mod known;
 mod layout;
 mod normals;
 mod problem;
@@ -60,6 +61,7 @@ mod tests;
 
 pub use circle::{CircleEstimate, EllipseSight, MeasuredEllipse, estimate_circle, estimate_radius};
 pub use error::{AdjustmentError, DatumMotion, ParameterName, ProblemPart, StationComponent};
+pub use known::KnownStatistics;
 pub use problem::{
     BundleProblem, BundleSettings, CameraBlock, CoordinatePrior, Datum, DistanceObservation,
     ImageObservation, ParameterState, PointBlock, ResidualPlane, RobustStart, StationBlock,
