@@ -187,12 +187,20 @@ fn agrees_with_dense_algebra(problem: &BundleProblem, defect: usize) {
                 row += 1;
             }
         }
-        row += problem.points[frame.point].known_coordinates();
+        for known in adjustment.points[frame.point].known.iter().flatten() {
+            assert!((known.redundancy - (1.0 - hat[(row, row)])).abs() < 1e-8);
+            row += 1;
+        }
     }
     for d in adjustment.distances.iter().flatten() {
         assert!((d.redundancy - (1.0 - hat[(row, row)])).abs() < 1e-8);
         row += 1;
     }
+    for known in adjustment.cameras[0].known.iter().flatten() {
+        assert!((known.redundancy - (1.0 - hat[(row, row)])).abs() < 1e-8);
+        row += 1;
+    }
+    assert_eq!(row, a.nrows());
     assert!(rays.count() > 0);
     let total = a.nrows() as f64 - hat.trace();
     assert!(

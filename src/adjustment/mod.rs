@@ -38,6 +38,7 @@ mod equations;
 mod error;
 mod factor;
 mod frame;
+mod known;
 mod layout;
 mod normals;
 mod problem;
@@ -75,6 +76,7 @@ pub use components::{
 };
 pub use derived::{Derived, DerivedValues, ErrorEllipsoid, correlations};
 pub use error::{AdjustmentError, DatumMotion, ParameterName, ProblemPart, StationComponent};
+pub use known::KnownStatistics;
 pub use problem::{
     BundleProblem, BundleSettings, CameraBlock, CoordinatePrior, Datum, DistanceObservation,
     ImageObservation, ParameterState, PointBlock, ResidualPlane, RobustStart, StationBlock,

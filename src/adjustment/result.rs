@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::Termination;
+use super::{KnownStatistics, Termination};
 use crate::camera::Camera;
 use crate::geometry::{Circle, Pose, Similarity};
 
@@ -15,6 +15,8 @@ pub struct AdjustedCamera {
     /// 10 x 10 in the order of [`crate::camera::INTERIOR_NAMES`], a-posteriori; zeros for fixed parameters. It does
     /// not depend on the datum.
     pub covariance: SMatrix<f64, 10, 10>,
+    /// Of the weighted parameters.
+    pub known: [Option<KnownStatistics>; 10],
 }
 
 /// A station with its estimated pose.
@@ -37,6 +39,8 @@ pub struct AdjustedPoint {
     pub covariance: Option<Matrix3<f64>>,
     /// The circle about it as the problem gave it, moved with the datum and the frame.
     pub circle: Option<Circle>,
+    /// Of the known coordinates x, y, z.
+    pub known: [Option<KnownStatistics>; 3],
     /// Used image observations.
     pub rays: usize,
 }

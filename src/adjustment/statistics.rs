@@ -1,9 +1,10 @@
 //! Exact statistics of a converged adjustment: covariances in the chosen datum, redundancy, reliability.
 
-use nalgebra::{DMatrix, Matrix3, Matrix3x2, Matrix6, SMatrix, Vector2};
+use nalgebra::{DMatrix, Matrix3, Matrix3x2, Matrix6, SMatrix, Vector2, Vector3};
 use rayon::prelude::*;
 
 use super::equations::{Equations, State};
+use super::known::KnownStatistics;
 use super::layout::{Layout, PointFrame};
 use super::normals::{distance_row, whitened_rows};
 use super::selected_inverse::SelectedInverse;
@@ -15,7 +16,7 @@ use super::{
 };
 
 /// Below this redundancy number an observation is not controlled: its normalised residual would be rounding.
-const UNCONTROLLED: f64 = 1e-9;
+pub(super) const UNCONTROLLED: f64 = 1e-9;
 
 /// What the statistics of a ray are made of, per unit variance.
 #[derive(Clone, Copy)]
@@ -30,6 +31,8 @@ struct RayCofactors {
 /// Cofactors of a point and of its rays.
 struct PointStatistics {
     cofactor: Matrix3<f64>,
+    /// Cofactors of x, y, z in the regularised system: a known coordinate is estimable, so that no datum changes its own.
+    regularised: Vector3<f64>,
     rays: Vec<RayCofactors>,
 }
 
@@ -50,11 +53,11 @@ pub(super) fn adjustment(network: &SolvedNetwork) -> Adjustment {
         .collect();
     let sigma0 = variance.sqrt();
     Adjustment {
-        cameras: cameras(layout, state, &network.inverse, *variance),
+        cameras: cameras(problem, layout, state, &network.inverse, *variance),
         stations: stations(network),
         observations: image_statistics(problem, layout, equations, &points),
         distances: distance_statistics(problem, layout, equations, &network.inverse),
-        points: adjusted_points(layout, state, &points, *variance),
+        points: adjusted_points(problem, layout, state, &points, *variance),
         sigma0,
         sigma0_px: sigma0 * rms_sigma_px(problem, layout),
         rms_px: rms_px(layout, equations),
@@ -189,16 +192,19 @@ fn point_statistics(network: &SolvedNetwork, at: usize, frame: &PointFrame) -> P
             response,
         })
     });
+    let regularised = own.diagonal();
     let own = DMatrix::from_fn(3, 3, |i, j| own[(i, j)]);
     let cofactor = transformation.apply(&own, &g, c);
     let cofactor: Matrix3<f64> = cofactor.fixed_view::<3, 3>(0, 0).into_owned();
     PointStatistics {
         cofactor: (cofactor + cofactor.transpose()) / 2.0,
+        regularised,
         rays: rays.collect(),
     }
 }
 
 fn cameras(
+    problem: &BundleProblem,
     layout: &Layout,
     state: &State,
     inverse: &SelectedInverse,
@@ -206,6 +212,7 @@ fn cameras(
 ) -> Vec<AdjustedCamera> {
     let camera = |c: usize| {
         let mut covariance = SMatrix::<f64, 10, 10>::zeros();
+        let mut known = [None; 10];
         let free = &layout.camera_free[c];
         if !free.is_empty() {
             let block = layout.structure.block_of(layout.camera_start[c]);
@@ -214,11 +221,17 @@ fn cameras(
                 for (j, &b) in free.iter().enumerate() {
                     covariance[(a, b)] = variance * own[(i, j)];
                 }
+                if let ParameterState::Weighted { value, sigma } = problem.cameras[c].parameters[a]
+                {
+                    let residual = state.cameras[c].interior.to_vector()[a] - value;
+                    known[a] = Some(KnownStatistics::of(residual, sigma, own[(i, i)]));
+                }
             }
         }
         AdjustedCamera {
             camera: state.cameras[c].clone(),
             covariance,
+            known,
         }
     };
     (0..state.cameras.len()).map(camera).collect()
@@ -251,6 +264,7 @@ fn stations(network: &SolvedNetwork) -> Vec<AdjustedStation> {
 }
 
 fn adjusted_points(
+    problem: &BundleProblem,
     layout: &Layout,
     state: &State,
     statistics: &[PointStatistics],
@@ -264,12 +278,19 @@ fn adjusted_points(
             position: *position,
             covariance: None,
             circle: *circle,
+            known: [None; 3],
             rays: 0,
         })
         .collect();
     for (frame, statistics) in layout.frames.iter().zip(statistics) {
         let point = &mut points[frame.point];
         point.covariance = Some(statistics.cofactor * variance);
+        point.known = std::array::from_fn(|axis| {
+            let known = problem.points[frame.point].prior[axis]?;
+            let residual = state.points[frame.point][axis] - known.value;
+            let cofactor = statistics.regularised[axis];
+            Some(KnownStatistics::of(residual, known.sigma, cofactor))
+        });
         point.rays = frame.rays.iter().filter(|r| r.used).count();
     }
     points
