@@ -252,10 +252,7 @@ impl SolvedNetwork {
                 free.map(|(k, &parameter)| (parameter, start + k)).collect()
             }
             Part::Station(index) => (0..6).map(|k| (k, 6 * index + k)).collect(),
-            Part::Point(index) => match self.layout.roles[index] {
-                PointRole::Kept { start } => (0..3).map(|k| (k, start + k)).collect(),
-                PointRole::Eliminated | PointRole::Absent => Vec::new(),
-            },
+            Part::Point(index) => self.layout.kept_coordinates(index).collect(),
         }
     }
 

@@ -114,7 +114,7 @@ impl Counts {
         let coordinates: usize = layout
             .frames
             .iter()
-            .map(|f| problem.points[f.point].known_coordinates())
+            .map(|f| problem.points[f.point].weighted_coordinates().count())
             .sum();
         let interior = problem
             .cameras
@@ -154,10 +154,17 @@ fn point_statistics(network: &SolvedNetwork, at: usize, frame: &PointFrame) -> P
             let own = normal.inverse - (reduced.transpose() * &cross).fixed_view::<3, 3>(0, 0);
             (cross, own)
         }
-        (None, Some(start)) => (
-            local.columns(start, 3).into_owned(),
-            local.fixed_view::<3, 3>(start, start).into_owned(),
-        ),
+        (None, Some(start)) => {
+            let (mut cross, mut own) = (DMatrix::zeros(q, 3), Matrix3::zeros());
+            let axes = &layout.unknown_axes[frame.point];
+            for (j, &column) in axes.iter().enumerate() {
+                cross.set_column(column, &local.column(start + j));
+                for (i, &row) in axes.iter().enumerate() {
+                    own[(row, column)] = local[(start + i, start + j)];
+                }
+            }
+            (cross, own)
+        }
         (None, None) => (DMatrix::zeros(q, 3), Matrix3::zeros()),
     };
     let g = transformation
@@ -167,7 +174,7 @@ fn point_statistics(network: &SolvedNetwork, at: usize, frame: &PointFrame) -> P
     let rays = frame.rays.iter().filter_map(|ray| {
         let equation = equations.rays[ray.observation].as_ref()?;
         let rows = whitened_rows(layout, ray, equation, 1.0);
-        let kept = rows.kept(ray, frame.own_at);
+        let kept = rows.kept(ray, frame);
         let mut leverage = Vector2::zeros();
         // Q' A^T of the point, and C^T A^T.
         let mut response = Matrix3x2::zeros();
@@ -284,13 +291,20 @@ fn adjusted_points(
         .collect();
     for (frame, statistics) in layout.frames.iter().zip(statistics) {
         let point = &mut points[frame.point];
-        point.covariance = Some(statistics.cofactor * variance);
-        point.known = std::array::from_fn(|axis| {
-            let known = problem.points[frame.point].prior[axis]?;
-            let residual = state.points[frame.point][axis] - known.value;
+        let mut covariance = statistics.cofactor * variance;
+        // The free motions leave fixed coordinates alone up to rounding; a frame by three points moves them as well.
+        if problem.frame.is_none() {
+            for (axis, _) in problem.points[frame.point].fixed_coordinates() {
+                covariance.row_mut(axis).fill(0.0);
+                covariance.column_mut(axis).fill(0.0);
+            }
+        }
+        point.covariance = Some(covariance);
+        for (axis, value, sigma) in problem.points[frame.point].weighted_coordinates() {
+            let residual = state.points[frame.point][axis] - value;
             let cofactor = statistics.regularised[axis];
-            Some(KnownStatistics::of(residual, known.sigma, cofactor))
-        });
+            point.known[axis] = Some(KnownStatistics::of(residual, sigma, cofactor));
+        }
         point.rays = frame.rays.iter().filter(|r| r.used).count();
     }
     points

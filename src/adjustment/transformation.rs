@@ -6,7 +6,7 @@ use super::datum::FreeMotions;
 use super::equations::State;
 use super::factor::Factor;
 use super::frame::STransformation;
-use super::layout::{Layout, PointFrame, PointRole};
+use super::layout::{Layout, PointFrame};
 use super::normals::{Normals, PointNormal};
 
 /// What is needed to bring cofactors from the regularised system into the datum: `Q = S Q' S^T`.
@@ -97,8 +97,8 @@ pub(super) fn add_to_right_side(
     normal: Option<&PointNormal>,
     h: &DMatrix<f64>,
 ) {
-    match (normal, layout.roles[frame.point]) {
-        (Some(normal), _) => {
+    match normal {
+        Some(normal) => {
             let reduced = normal.inverse * h.transpose();
             for (y, &i) in normal.coupling.iter().zip(&frame.index) {
                 let change = y.transpose() * &reduced;
@@ -107,11 +107,12 @@ pub(super) fn add_to_right_side(
                 }
             }
         }
-        (None, PointRole::Kept { start }) => {
-            let mut rows = right_side.rows_mut(start, 3);
-            rows += h.transpose();
+        None => {
+            for (axis, at) in layout.kept_coordinates(frame.point) {
+                let mut row = right_side.row_mut(at);
+                row += h.column(axis).transpose();
+            }
         }
-        (None, _) => {}
     }
 }
 
@@ -125,8 +126,8 @@ pub(super) fn point_rows(
     kept: &DMatrix<f64>,
 ) -> DMatrix<f64> {
     let d = kept.ncols();
-    match (normal, layout.roles[frame.point]) {
-        (Some(normal), _) => {
+    match normal {
+        Some(normal) => {
             let mut right_side = h.map_or_else(|| DMatrix::zeros(3, d), DMatrix::transpose);
             for (y, &i) in normal.coupling.iter().zip(&frame.index) {
                 right_side -= y * kept.row(i);
@@ -134,7 +135,12 @@ pub(super) fn point_rows(
             let rows = normal.inverse * right_side;
             DMatrix::from_column_slice(3, d, rows.as_slice())
         }
-        (None, PointRole::Kept { start }) => kept.rows(start, 3).into_owned(),
-        (None, _) => DMatrix::zeros(3, d),
+        None => {
+            let mut rows = DMatrix::zeros(3, d);
+            for (axis, at) in layout.kept_coordinates(frame.point) {
+                rows.set_row(axis, &kept.row(at));
+            }
+            rows
+        }
     }
 }

@@ -376,7 +376,7 @@ impl Scene {
                 let block = &mut self.problem.points[point];
                 // One coordinate in ten is not known.
                 block.prior = [0, 1, 2].map(|axis| {
-                    (!chance.happens(0.1)).then(|| CoordinatePrior {
+                    (!chance.happens(0.1)).then(|| CoordinatePrior::Weighted {
                         value: truth[axis] + sigma * chance.normal(),
                         sigma,
                     })
