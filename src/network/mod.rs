@@ -10,6 +10,7 @@
 
 mod camera;
 mod connectivity;
+mod expansion;
 mod frame;
 mod image;
 mod label;
@@ -26,6 +27,7 @@ use crate::geometry::Similarity;
 
 pub use camera::{CameraEntry, CameraId, InteriorSource};
 pub use connectivity::{CODES_TO_CONNECT, Code, Connectivity, ImageConnectivity};
+pub use expansion::{Expansion, REFERENCE_CELSIUS, length_at_reference, reason_of_length};
 pub use frame::{Frame, FrameProblem, FrameResult};
 pub use image::{
     Attempt, ImageEntry, ImageFile, ImageId, ImageUse, Label, REJECTED_BY_OPERATOR,
@@ -48,12 +50,15 @@ pub struct ScaleBar {
     pub from: String,
     /// Label of the other end.
     pub to: String,
-    /// Known length, mm.
+    /// Calibrated length, mm; [`Network::bar_length_mm`] is what it is at the photographs.
     pub length_mm: f64,
     /// Its standard deviation, mm.
     pub sigma_mm: f64,
     /// Whether it gives scale or only checks it.
     pub role: BarRole,
+    /// What warmth did to it, from its calibration to the photographs; `None`: nothing is known of it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub expansion: Option<Expansion>,
 }
 
 /// What a scale bar is for.

@@ -79,7 +79,7 @@ pub struct CameraResult {
 pub struct BarResult {
     /// Name of the bar.
     pub name: String,
-    /// Adjusted minus known length, mm.
+    /// Adjusted length minus the one that the bar should have ([`super::Network::bar_length_mm`]), mm.
     pub difference_mm: f64,
     /// Normalised residual; `None` for a check bar.
     pub test: Option<f64>,

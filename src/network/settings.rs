@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::Expansion;
 use crate::targets::Family;
 
 /// Sizes of the dots of one code family.
@@ -15,13 +16,17 @@ pub struct DotFamily {
     pub dot_mm: f64,
 }
 
-/// Sizes of the targets in use (`targets.toml`).
+/// Sizes of the targets in use, and what warmth does to the object that carries them (`targets.toml`).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TargetSizes {
     /// Families with sizes of their own; the others have 5 mm.
     pub families: Vec<DotFamily>,
     /// Diameter of plain targets, mm.
     pub plain_dot_mm: f64,
+    /// What warmth does to the object: its temperature at the photographs, and the one for which coordinates are
+    /// delivered. `None`: it is measured as it is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub object: Option<Expansion>,
 }
 
 /// Default pitch and diameter of dots, mm (Hattori et al., 2002, figure 2a and 3).
@@ -32,6 +37,7 @@ impl Default for TargetSizes {
         Self {
             families: Vec::new(),
             plain_dot_mm: DEFAULT_DOT_MM,
+            object: None,
         }
     }
 }

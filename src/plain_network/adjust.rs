@@ -228,7 +228,7 @@ impl PlainNetwork {
                 lengths.push(DistanceObservation {
                     from,
                     to,
-                    length_mm: distance.length_mm,
+                    length_mm: self.length_mm(distance),
                     sigma_mm: distance.sigma_mm,
                 });
             }

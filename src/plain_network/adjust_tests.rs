@@ -6,7 +6,7 @@ use super::*;
 use crate::camera::LensDirection;
 use crate::geometry::{Pose, Scale, fit_similarity};
 use crate::monitor::Monitor;
-use crate::network::BarRole;
+use crate::network::{BarRole, Expansion};
 
 const IMAGES: usize = 8;
 
@@ -80,9 +80,11 @@ fn network(direction: LensDirection) -> PlainNetwork {
             length_mm: (places[29] - places[0]).norm(),
             sigma_mm: 0.01,
             role: BarRole::Control,
+            expansion: None,
         }],
         datum: PlainDatum::InnerConstraints(DatumPoints::All),
         residuals: Default::default(),
+        object: None,
     }
 }
 
@@ -268,4 +270,22 @@ fn fixed_control_stays_where_it_is() {
         assert_eq!(found.sigma_mm(), Some(Vector3::zeros()));
     }
     assert!(largest_error(&adjusted) < 1e-4);
+}
+
+#[test]
+fn a_warm_bar_makes_the_network_longer_by_its_expansion() {
+    let mut network = network(LensDirection::Correcting);
+    let cold = adjusted(&network);
+    network.distances[0].expansion = Some(Expansion {
+        per_k: 11.5e-6,
+        temperature_c: 30.0,
+        reference_c: 20.0,
+    });
+    let warm = adjusted(&network);
+    let length = |adjusted: &PlainAdjustment| {
+        let points = &adjusted.adjustment.points;
+        (points[29].position - points[0].position).norm()
+    };
+    let ratio = length(&warm) / length(&cold);
+    assert!((ratio - 1.000_115).abs() < 1e-9, "{ratio}");
 }

@@ -64,6 +64,7 @@ pub fn from_aicon(texts: AiconTexts<'_>) -> Result<PlainNetwork, ImportError> {
         points,
         datum: PlainDatum::InnerConstraints(DatumPoints::All),
         residuals: ResidualPlane::Measured,
+        object: None,
     };
     match network.check() {
         Ok(()) => Ok(network),
@@ -221,6 +222,7 @@ fn read_bars(
                 true => BarRole::Control,
                 false => BarRole::Check,
             },
+            expansion: None,
         });
     }
     Ok(bars)

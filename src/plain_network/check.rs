@@ -9,6 +9,7 @@ use super::{
 };
 use crate::camera::INTERIOR_NAMES;
 use crate::camera::LensDirection;
+use crate::network::Expansion;
 
 /// What is wrong with a network; its `Display` is one line.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -65,6 +66,9 @@ impl PlainNetwork {
         self.check_observations()?;
         for distance in &self.distances {
             self.check_distance(distance)?;
+        }
+        if let Some(object) = &self.object {
+            check_expansion("object", object)?;
         }
         self.check_datum()
     }
@@ -142,7 +146,10 @@ impl PlainNetwork {
                 "less than the length",
             ));
         }
-        Ok(())
+        match &distance.expansion {
+            Some(expansion) => check_expansion(&about, expansion),
+            None => Ok(()),
+        }
     }
 
     fn check_datum(&self) -> Result<(), NetworkFault> {
@@ -237,6 +244,28 @@ fn check_point(point: &PlainPoint) -> Result<(), NetworkFault> {
     }
 }
 
+fn check_expansion(about: &str, expansion: &Expansion) -> Result<(), NetworkFault> {
+    for (name, value, range) in [
+        ("expansion_per_k", expansion.per_k, Expansion::PER_K),
+        ("temperature_c", expansion.temperature_c, Expansion::CELSIUS),
+        (
+            "the reference temperature",
+            expansion.reference_c,
+            Expansion::CELSIUS,
+        ),
+    ] {
+        if !range.contains(&value) {
+            let expected = format!("a number from {} to {}", range.start(), range.end());
+            return Err(NetworkFault::new(
+                about,
+                format!("{name} {value}"),
+                expected,
+            ));
+        }
+    }
+    Ok(())
+}
+
 fn unique<'a>(kind: &str, names: impl Iterator<Item = &'a str>) -> Result<(), NetworkFault> {
     let mut seen = BTreeSet::new();
     for (index, name) in names.enumerate() {
@@ -301,6 +330,14 @@ mod tests {
         assert_eq!(network.check(), Ok(()));
     }
 
+    fn warm(per_k: f64, temperature_c: f64) -> Expansion {
+        Expansion {
+            per_k,
+            temperature_c,
+            reference_c: 20.0,
+        }
+    }
+
     #[test]
     fn every_fault_names_the_thing() {
         type Damage = fn(&mut PlainNetwork);
@@ -312,7 +349,7 @@ mod tests {
                 centre_in_world: Vector3::zeros(),
             });
         };
-        let cases: [(Damage, &str); 18] = [
+        let cases: [(Damage, &str); 20] = [
             (
                 |n| n.images[1].name = "left".into(),
                 "image 'left': found a second one of this name, expected one",
@@ -380,6 +417,14 @@ mod tests {
             (
                 |n| n.distances[0].sigma_mm = 1e9,
                 "distance 'bar': found sigma_mm 1000000000, expected less than the length",
+            ),
+            (
+                |n| n.distances[0].expansion = Some(warm(11.5, 30.0)),
+                "distance 'bar': found expansion_per_k 11.5, expected a number from -0.0005 to 0.0005",
+            ),
+            (
+                |n| n.object = Some(warm(11.5e-6, -300.0)),
+                "object: found temperature_c -300, expected a number from -273.15 to 1000",
             ),
             (
                 |n| n.datum = PlainDatum::InnerConstraints(DatumPoints::Listed(vec![0, 0, 1])),

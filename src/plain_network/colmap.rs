@@ -70,6 +70,7 @@ pub fn from_colmap(texts: ColmapTexts<'_>) -> Result<PlainNetwork, ImportError> 
         distances: Vec::new(),
         datum: PlainDatum::InnerConstraints(DatumPoints::All),
         residuals: ResidualPlane::Measured,
+        object: None,
     };
     match network.check() {
         Ok(()) => Ok(network),

@@ -75,6 +75,7 @@ pub fn from_dbat(texts: DbatTexts<'_>) -> Result<PlainNetwork, ImportError> {
         distances: Vec::new(),
         datum,
         residuals: ResidualPlane::Corrected,
+        object: None,
     };
     match network.check() {
         Ok(()) => Ok(network),

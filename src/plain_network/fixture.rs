@@ -11,7 +11,7 @@ use super::{
 use crate::adjustment::ResidualPlane;
 use crate::camera::LensDirection;
 use crate::geometry::Pose;
-use crate::network::BarRole;
+use crate::network::{BarRole, Expansion};
 
 /// Two images of four points, one of them known, and a distance.
 pub(super) fn small_network() -> PlainNetwork {
@@ -73,9 +73,11 @@ pub(super) fn small_network() -> PlainNetwork {
             length_mm: 100.5,
             sigma_mm: 0.01,
             role: BarRole::Control,
+            expansion: None,
         }],
         datum: PlainDatum::Control,
         residuals: ResidualPlane::Measured,
+        object: None,
     }
 }
 
@@ -92,6 +94,13 @@ pub(super) fn random_network(seed: u64) -> PlainNetwork {
     }
     fn size(random: &mut impl Rng) -> f64 {
         number(random).abs() + 1e-9
+    }
+    fn body(random: &mut impl Rng) -> Option<Expansion> {
+        (random.random_range(0..2) > 0).then(|| Expansion {
+            per_k: random.random_range(-5e-4..5e-4),
+            temperature_c: random.random_range(-50.0..90.0),
+            reference_c: random.random_range(-50.0..90.0),
+        })
     }
     let mut network = small_network();
     network.cameras = (0..random.random_range(1..4))
@@ -146,6 +155,8 @@ pub(super) fn random_network(seed: u64) -> PlainNetwork {
         }
     }
     network.distances[0].length_mm = 10.0 + size(random);
+    network.distances[0].expansion = body(random);
+    network.object = body(random);
     network.residuals =
         [ResidualPlane::Measured, ResidualPlane::Corrected][random.random_range(0..2)];
     network.datum = match random.random_range(0..3) {

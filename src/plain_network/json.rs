@@ -8,7 +8,7 @@ use super::check::NetworkFault;
 use super::error::quote;
 use super::json_form::{
     CameraForm, DatumForm, DatumPointsForm, DistanceForm, FORMAT, Form, ImageForm, KnownForm,
-    ObservationForm, PointForm, RoleForm, VERSION, ValuesForm,
+    ObjectForm, ObservationForm, PointForm, RoleForm, VERSION, ValuesForm,
 };
 use super::{
     DatumPoints, ImportError, ImportPlace, Known, NamedText, PlainCamera, PlainDatum,
@@ -17,6 +17,7 @@ use super::{
 };
 use crate::camera::INTERIOR_NAMES;
 use crate::geometry::Pose;
+use crate::network::{Expansion, REFERENCE_CELSIUS};
 
 /// Reads a network from its JSON text.
 ///
@@ -30,13 +31,16 @@ use crate::geometry::Pose;
 ///  "points": [{"name": "P1", "start_mm": [0, 0, 0]}, {"name": "P2"},
 ///    {"name": "P3", "known": [{"value_mm": 10}, null, {"value_mm": 5, "sigma_mm": 0.01}], "role": "check"}],
 ///  "observations": [["left", "P1", 2000.5, 1500.25], ["left", "P3", 2050, 1490, 0.2]],
-///  "distances": [{"name": "bar", "from": "P1", "to": "P2", "length_mm": 500, "sigma_mm": 0.01, "role": "control"}]}
+///  "distances": [{"name": "bar", "from": "P1", "to": "P2", "length_mm": 500, "sigma_mm": 0.01, "role": "control",
+///    "temperature_c": 24.5, "calibrated_at_c": 20, "expansion_per_k": 11.5e-6}],
+///  "object": {"temperature_c": 24.5, "reference_c": 20, "expansion_per_k": 23e-6}}
 /// ```
 ///
 /// What may be left out: `residuals` (measured), `sigma_px` where every observation gives its own, `datum` (control
 /// where there are control points, else inner constraints on all points), `distances`, `lens` (correcting), values that
 /// are 0, `free` and `weighted` (the parameter is fixed), the camera of an image if there is only one, starts, `known`
-/// with the `sigma_mm` in it (the coordinate is fixed) and `role` (control where something is known). Other keys are refused.
+/// with the `sigma_mm` in it (the coordinate is fixed), `role` (control where something is known), and what warmth did to a
+/// bar or to the object (nothing is known of it; `calibrated_at_c` and `reference_c` are 20). Other keys are refused.
 ///
 /// `lens` is one of `"correcting"`, `"correcting_affinity_first"`, `{"displacing": {"balanced_radius_mm": R0}}` and
 /// `"displacing_affinity_last"` ([`crate::camera::LensDirection`]).
@@ -72,6 +76,9 @@ pub fn to_json(network: &PlainNetwork) -> Result<String, NetworkFault> {
         key("sigma_px", &json(&sigma));
     }
     key("datum", &json(&datum_form(network)));
+    if let Some(object) = &network.object {
+        key("object", &json(&object_form(object)));
+    }
     key("cameras", &list(network.cameras.iter().map(camera_form)));
     let images = network.images.iter().map(|i| image_form(network, i));
     key("images", &list(images));
@@ -175,6 +182,17 @@ fn distance_form(network: &PlainNetwork, distance: &PlainDistance) -> DistanceFo
         length_mm: distance.length_mm,
         sigma_mm: distance.sigma_mm,
         role: distance.role,
+        temperature_c: distance.expansion.map(|bar| bar.temperature_c),
+        calibrated_at_c: distance.expansion.map(|bar| bar.reference_c),
+        expansion_per_k: distance.expansion.map(|bar| bar.per_k),
+    }
+}
+
+fn object_form(object: &Expansion) -> ObjectForm {
+    ObjectForm {
+        temperature_c: object.temperature_c,
+        reference_c: object.reference_c,
+        expansion_per_k: object.per_k,
     }
 }
 
@@ -288,6 +306,11 @@ fn network(form: Form) -> Result<PlainNetwork, NetworkFault> {
             .collect::<Result<_, _>>()?,
         points: read_points,
         residuals: form.residuals,
+        object: form.object.map(|object| Expansion {
+            per_k: object.expansion_per_k,
+            temperature_c: object.temperature_c,
+            reference_c: object.reference_c,
+        }),
     })
 }
 
@@ -419,7 +442,35 @@ fn read_distance(form: &DistanceForm, points: &Names<'_>) -> Result<PlainDistanc
         length_mm: form.length_mm,
         sigma_mm: form.sigma_mm,
         role: form.role,
+        expansion: read_expansion(form, &about())?,
     })
+}
+
+/// What warmth did to a bar: its temperature and its coefficient together, or nothing.
+fn read_expansion(form: &DistanceForm, about: &str) -> Result<Option<Expansion>, NetworkFault> {
+    let alone = |found: &str, expected: &str| {
+        let found = format!("{found} alone");
+        Err(NetworkFault::new(
+            about,
+            found,
+            format!("{expected} with it"),
+        ))
+    };
+    match (
+        form.temperature_c,
+        form.expansion_per_k,
+        form.calibrated_at_c,
+    ) {
+        (Some(temperature_c), Some(per_k), calibrated_at_c) => Ok(Some(Expansion {
+            per_k,
+            temperature_c,
+            reference_c: calibrated_at_c.unwrap_or(REFERENCE_CELSIUS),
+        })),
+        (Some(_), None, _) => alone("temperature_c", "expansion_per_k"),
+        (None, Some(_), _) => alone("expansion_per_k", "temperature_c"),
+        (None, None, Some(_)) => alone("calibrated_at_c", "temperature_c and expansion_per_k"),
+        (None, None, None) => Ok(None),
+    }
 }
 
 fn read_datum(

@@ -9,7 +9,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::adjustment::ResidualPlane;
 use crate::camera::LensDirection;
-use crate::network::BarRole;
+use crate::network::{BarRole, REFERENCE_CELSIUS};
 
 /// What the file calls itself.
 pub(super) const FORMAT: &str = "tiepoint-network";
@@ -36,6 +36,8 @@ pub(super) struct Form {
     pub(super) observations: Vec<ObservationForm>,
     #[serde(default)]
     pub(super) distances: Vec<DistanceForm>,
+    #[serde(default)]
+    pub(super) object: Option<ObjectForm>,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -139,6 +141,26 @@ pub(super) struct DistanceForm {
     pub(super) sigma_mm: f64,
     #[serde(default = "control")]
     pub(super) role: BarRole,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) temperature_c: Option<f64>,
+    /// Left out: 20 degrees.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) calibrated_at_c: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) expansion_per_k: Option<f64>,
+}
+
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ObjectForm {
+    pub(super) temperature_c: f64,
+    #[serde(default = "reference")]
+    pub(super) reference_c: f64,
+    pub(super) expansion_per_k: f64,
+}
+
+fn reference() -> f64 {
+    REFERENCE_CELSIUS
 }
 
 fn control() -> BarRole {

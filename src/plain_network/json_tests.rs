@@ -79,6 +79,20 @@ fn what_is_left_out_has_its_default() {
 }
 
 #[test]
+fn a_warm_bar_is_calibrated_at_twenty_degrees_where_nothing_is_said() {
+    let text = file(
+        r#"{"name":"1"}"#,
+        r#"{"name":"p"},{"name":"q"}"#,
+        "",
+        r#","distances":[{"name":"d","from":"p","to":"q","length_mm":1000,"sigma_mm":0.01,"temperature_c":30,"expansion_per_k":11.5e-6}],
+        "object":{"temperature_c":25,"reference_c":15,"expansion_per_k":23e-6}"#,
+    );
+    let network = read(&text).unwrap();
+    let length = network.length_mm(&network.distances[0]);
+    assert!((length - 1000.115 / 1.00023).abs() < 1e-9, "{length}");
+}
+
+#[test]
 fn the_documented_file_is_read() {
     let text: Vec<&str> = include_str!("json.rs")
         .lines()
@@ -97,6 +111,16 @@ fn bad_files_are_answered_in_one_line() {
     let image = r#"{"name":"1"}"#;
     let point = r#"{"name":"p"}"#;
     let seen = r#"["1","p",10,20,0.1]"#;
+    let warm = |keys: &str| {
+        let points = format!(r#"{point},{{"name":"q"}}"#);
+        let bar = r#"{"name":"d","from":"p","to":"q","length_mm":5,"sigma_mm":0.1"#;
+        file(
+            image,
+            &points,
+            seen,
+            &format!(r#","distances":[{bar},{keys}}}]"#),
+        )
+    };
     let cases = [
         (
             "{\n\"format\": \"tiepoint-network\",\n}".to_owned(),
@@ -116,7 +140,7 @@ fn bad_files_are_answered_in_one_line() {
         ),
         (
             file(image, point, seen, ",\"colour\":1"),
-            "net.json, line 1, column 233: found the key 'colour', expected one of format, version, residuals, sigma_px, datum, cameras, images, points, observations, distances",
+            "net.json, line 1, column 233: found the key 'colour', expected one of format, version, residuals, sigma_px, datum, cameras, images, points, observations, distances, object",
         ),
         (
             file(image, point, r#"["1","p",10]"#, ""),
@@ -157,6 +181,26 @@ fn bad_files_are_answered_in_one_line() {
         (
             file(image, point, seen, r#","distances":[{"name":"d","from":"p","to":"q","length_mm":5,"sigma_mm":1}]"#),
             "net.json, distance 'd': found the point 'q', expected the name of one that is listed",
+        ),
+        (
+            warm(r#""temperature_c":30"#),
+            "net.json, distance 'd': found temperature_c alone, expected expansion_per_k with it",
+        ),
+        (
+            warm(r#""calibrated_at_c":23"#),
+            "net.json, distance 'd': found calibrated_at_c alone, expected temperature_c and expansion_per_k with it",
+        ),
+        (
+            warm(r#""temperature_c":-274,"expansion_per_k":1e-5"#),
+            "net.json, distance 'd': found temperature_c -274, expected a number from -273.15 to 1000",
+        ),
+        (
+            file(image, point, seen, r#","object":{"temperature_c":30,"expansion_per_k":23}"#),
+            "net.json, object: found expansion_per_k 23, expected a number from -0.0005 to 0.0005",
+        ),
+        (
+            file(image, point, seen, r#","object":{"temperature_c":30}"#),
+            "net.json, line 1, column 249: found no key expansion_per_k, expected it",
         ),
         (
             file(image, point, seen, r#","datum":{"inner_constraints":["q"]}"#),

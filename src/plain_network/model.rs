@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 use crate::adjustment::ResidualPlane;
 use crate::camera::LensDirection;
 use crate::geometry::Pose;
-use crate::network::BarRole;
+use crate::network::{BarRole, Expansion, length_at_reference};
 
 /// A network of rays: what was measured, what is known, and where an adjustment may start.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,6 +24,8 @@ pub struct PlainNetwork {
     pub datum: PlainDatum,
     /// Where residuals are formed.
     pub residuals: ResidualPlane,
+    /// What warmth does to the object: coordinates are those at its reference temperature.
+    pub object: Option<Expansion>,
 }
 
 /// A sensor with its lens.
@@ -128,12 +130,14 @@ pub struct PlainDistance {
     pub from: usize,
     /// Index of the point at the other end.
     pub to: usize,
-    /// The distance, mm.
+    /// The distance, mm; that of a bar with an expansion is the calibrated one.
     pub length_mm: f64,
     /// Its standard deviation, mm.
     pub sigma_mm: f64,
     /// Whether it enters the adjustment or only checks it.
     pub role: BarRole,
+    /// What warmth did to the bar that it was taken from.
+    pub expansion: Option<Expansion>,
 }
 
 /// What coordinates and their standard errors refer to.
@@ -152,6 +156,18 @@ pub enum DatumPoints {
     All,
     /// The points of these indices.
     Listed(Vec<usize>),
+}
+
+impl PlainNetwork {
+    /// The length that a distance should have between the coordinates of its ends, mm ([`length_at_reference`]).
+    #[must_use]
+    pub fn length_mm(&self, distance: &PlainDistance) -> f64 {
+        length_at_reference(
+            distance.length_mm,
+            distance.expansion.as_ref(),
+            self.object.as_ref(),
+        )
+    }
 }
 
 impl PlainCamera {

@@ -326,6 +326,7 @@ impl Edit {
                     length_mm: *length_mm,
                     sigma_mm: *sigma_mm,
                     role: *role,
+                    expansion: None,
                 };
                 known::add_bar(network, bar)?;
             }

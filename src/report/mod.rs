@@ -38,5 +38,5 @@ pub use plain_network::{
 };
 pub use sheet_pdf::sheet_pdf;
 pub use sheet_svg::sheet_svg;
-pub use summary::{FindingReport, RunSummary, StageRun};
+pub use summary::{BarReport, FindingReport, RunSummary, StageRun};
 pub use truth_check::{TruthCheck, check_against_truth};

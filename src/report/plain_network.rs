@@ -7,6 +7,7 @@ use serde::Serialize;
 use crate::adjustment::ObservationStatus;
 use crate::camera::INTERIOR_NAMES;
 use crate::geometry::OmegaPhiKappa;
+use crate::network::reason_of_length;
 use crate::plain_network::{PlainAdjustment, PlainDatum, PlainNetwork, PlainParameter};
 
 /// What `adjust --json` tells.
@@ -103,6 +104,13 @@ pub struct PointRow {
 pub struct DistanceRow {
     /// Its name.
     pub distance: String,
+    /// Length as it was used, mm.
+    pub length_mm: f64,
+    /// Calibrated length, mm.
+    pub calibrated_mm: f64,
+    /// Why the two differ; none where nothing is known of temperatures.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
     /// Computed minus measured, mm.
     pub residual_mm: f64,
     /// Redundancy number.
@@ -197,8 +205,13 @@ impl PlainReport {
             .zip(&a.distances)
             .filter_map(|(&index, own)| {
                 let own = own.as_ref()?;
+                let distance = &network.distances[index];
+                let bodies = [distance.expansion.as_ref(), network.object.as_ref()];
                 Some(DistanceRow {
-                    distance: network.distances[index].name.clone(),
+                    distance: distance.name.clone(),
+                    length_mm: network.length_mm(distance),
+                    calibrated_mm: distance.length_mm,
+                    reason: reason_of_length(bodies[0], bodies[1]),
                     residual_mm: own.residual_mm,
                     redundancy: own.redundancy,
                     test: own.normalised,
@@ -310,6 +323,13 @@ impl PlainReport {
                 row.residual_mm,
                 row.test.abs()
             )?;
+            if let Some(reason) = &row.reason {
+                writeln!(
+                    text,
+                    "  used as {:.4} mm, calibrated {:.4} mm: {reason}",
+                    row.length_mm, row.calibrated_mm
+                )?;
+            }
         }
         self.write_tests(text)?;
         for finding in &self.findings {

@@ -7,8 +7,8 @@ use serde::Serialize;
 use super::export::adjusted_points;
 use crate::adjustment::Sigma0Test;
 use crate::network::{
-    About, AdjustmentResult, ComponentResult, FindingKind, ImageUse, Network, Outcome, ScaleSource,
-    Stage,
+    About, AdjustmentResult, BarResult, ComponentResult, FindingKind, ImageUse, Network, Outcome,
+    ScaleSource, Stage,
 };
 
 /// Level of the test of sigma0.
@@ -54,10 +54,31 @@ pub struct RunSummary {
     pub scale_from: Option<ScaleSource>,
     /// What the stages noticed.
     pub findings: Vec<FindingReport>,
+    /// Scale bars of the adjustment.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub bars: Vec<BarReport>,
     #[serde(skip)]
     datum: Option<String>,
     #[serde(skip)]
     components: Vec<ComponentResult>,
+}
+
+/// A scale bar with the length that was used.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct BarReport {
+    /// Its name.
+    pub name: String,
+    /// The length that it should have between its ends, mm.
+    pub length_mm: f64,
+    /// The calibrated length, mm.
+    pub calibrated_mm: f64,
+    /// Why the two differ; none where nothing is known of temperatures.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+    /// Adjusted minus used length, mm.
+    pub difference_mm: f64,
+    /// Normalised residual; none for a check bar.
+    pub test: Option<f64>,
 }
 
 /// A finding with names in place of ids.
@@ -104,6 +125,7 @@ impl RunSummary {
             redundancy: adjustment.map(|a| a.redundancy),
             scale_from: adjustment.map(|a| a.scale_from),
             findings: findings(network),
+            bars: adjustment.map_or_else(Vec::new, |a| bars(network, a)),
             datum: adjustment.map(|a| a.datum.clone()),
             components: adjustment.map_or_else(Vec::new, |a| a.components.clone()),
         }
@@ -159,6 +181,23 @@ impl RunSummary {
         if let Some(datum) = &self.datum {
             let _ = writeln!(text, "datum         {datum}");
         }
+        for bar in &self.bars {
+            let test = bar
+                .test
+                .map_or_else(|| "check".to_owned(), |w| format!("|w| {w:.1}"));
+            let _ = writeln!(
+                text,
+                "bar           {}: {:.4} mm, off by {:+.4} mm, {test}",
+                bar.name, bar.length_mm, bar.difference_mm
+            );
+            if let Some(reason) = &bar.reason {
+                let _ = writeln!(
+                    text,
+                    "              calibrated {:.4} mm: {reason}",
+                    bar.calibrated_mm
+                );
+            }
+        }
         for finding in &self.findings {
             // Many texts name what they are about: their sentence stands alone in a journal.
             let named = finding.text.starts_with(&finding.about);
@@ -179,6 +218,21 @@ fn in_words(component: &ComponentResult) -> String {
         "{} {:.2} +- {:.2}",
         component.group, component.factor, component.sigma
     )
+}
+
+fn bars(network: &Network, adjustment: &AdjustmentResult) -> Vec<BarReport> {
+    let report = |result: &BarResult| {
+        let bar = network.scale_bars.iter().find(|b| b.name == result.name)?;
+        Some(BarReport {
+            name: bar.name.clone(),
+            length_mm: network.bar_length_mm(bar),
+            calibrated_mm: bar.length_mm,
+            reason: network.reason_of_bar_length(bar),
+            difference_mm: result.difference_mm,
+            test: result.test,
+        })
+    };
+    adjustment.bars.iter().filter_map(report).collect()
 }
 
 /// What two stages noticed alike is told once; an excluded image is of no concern.
@@ -221,7 +275,7 @@ fn about(network: &Network, about: &About) -> String {
 mod tests {
     use super::super::fixture;
     use super::*;
-    use crate::network::{Finding, ImageId};
+    use crate::network::{BarRole, Expansion, Finding, ImageId, ScaleBar};
 
     fn network() -> Network {
         let mut network = fixture::network();
@@ -262,6 +316,35 @@ mod tests {
                 .text()
                 .contains("no adjustment of the present measurement")
         );
+    }
+
+    #[test]
+    fn a_warm_bar_is_told_with_its_length_and_the_reason() {
+        let mut network = network();
+        let bar = ScaleBar {
+            name: "steel".into(),
+            from: "C1".into(),
+            to: "C2".into(),
+            length_mm: 1000.0,
+            sigma_mm: 0.01,
+            role: BarRole::Control,
+            expansion: Some(Expansion {
+                per_k: 11.5e-6,
+                temperature_c: 30.0,
+                reference_c: 20.0,
+            }),
+        };
+        network.scale_bars = vec![bar].into();
+        let adjustment = network.adjustment.as_mut().map(std::sync::Arc::make_mut);
+        adjustment.unwrap().bars = vec![BarResult {
+            name: "steel".into(),
+            difference_mm: 0.0023,
+            test: Some(0.7),
+        }];
+        let text = RunSummary::new(&network, &RUNS).text();
+        let lines = "bar           steel: 1000.1150 mm, off by +0.0023 mm, |w| 0.7
+              calibrated 1000.0000 mm: bar at 30 C, 11.5e-6/K from 20 C\n";
+        assert!(text.contains(lines), "{text}");
     }
 
     #[test]

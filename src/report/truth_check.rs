@@ -19,6 +19,7 @@ impl From<PublishedBar> for ScaleBar {
             length_mm: bar.length_mm,
             sigma_mm: bar.sigma_mm,
             role: BarRole::Control,
+            expansion: None,
         }
     }
 }

@@ -150,7 +150,7 @@ impl Bundle {
                     distances.push(DistanceObservation {
                         from,
                         to,
-                        length_mm: bar.length_mm,
+                        length_mm: network.bar_length_mm(bar),
                         sigma_mm: bar.sigma_mm,
                     });
                     bars.push(bar.name.clone());
@@ -440,7 +440,7 @@ impl Bundle {
                 let used = self.bars.iter().position(|name| *name == bar.name);
                 BarResult {
                     name: bar.name.clone(),
-                    difference_mm: length - bar.length_mm,
+                    difference_mm: length - network.bar_length_mm(bar),
                     test: used
                         .and_then(|index| adjustment.distances[index])
                         .map(|statistics| statistics.normalised.abs()),

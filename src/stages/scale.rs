@@ -7,7 +7,7 @@ use nalgebra::{Matrix6, Vector3};
 use crate::geometry::{Pose, Scale, Similarity, fit_similarity};
 use crate::network::{
     BarRole, CodeDot, DevicePoint, Frame, ImageUse, Network, PointId, ScaleBar, ScaleSource,
-    Station,
+    Station, length_at_reference,
 };
 use crate::targets::Family;
 
@@ -60,12 +60,12 @@ fn apply_scale(network: &mut Network) {
         ScaleSource::Bars => control_bars(network)
             .iter()
             .map(|(bar, [from, to])| Lengths {
-                known: bar.length_mm,
+                known: network.bar_length_mm(bar),
                 present: (network.points[from].position - network.points[to].position).norm(),
             })
             .collect(),
-        ScaleSource::Cross => pair_lengths(&device_pairs(network)),
-        ScaleSource::Codes => code_lengths(network),
+        ScaleSource::Cross => at_reference(network, pair_lengths(&device_pairs(network))),
+        ScaleSource::Codes => at_reference(network, code_lengths(network)),
         ScaleSource::Arbitrary => first_base(network).into_iter().collect(),
     };
     // Ratio of sums: long lengths, which are relatively the most exact, weigh most.
@@ -187,6 +187,14 @@ struct Lengths {
     present: f64,
 }
 
+/// Lengths that hold at the photographs as those that the object shows at its reference temperature.
+fn at_reference(network: &Network, mut lengths: Vec<Lengths>) -> Vec<Lengths> {
+    for length in &mut lengths {
+        length.known = length_at_reference(length.known, None, network.object());
+    }
+    lengths
+}
+
 /// All distances between the points of (present, known) pairs.
 fn pair_lengths(pairs: &[(Vector3<f64>, Vector3<f64>)]) -> Vec<Lengths> {
     let mut lengths = Vec::new();
@@ -242,4 +250,75 @@ fn first_base(network: &Network) -> Option<Lengths> {
         known: ARBITRARY_BASE_MM,
         present: (centres.next()? - centres.next()?).norm(),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::network::{Expansion, Point};
+
+    fn warm(per_k: f64) -> Expansion {
+        Expansion {
+            per_k,
+            temperature_c: 30.0,
+            reference_c: 20.0,
+        }
+    }
+
+    /// Two points 400 mm apart, which are also the ends of a bar.
+    fn network() -> Network {
+        let places = [(1, 0.0), (2, 400.0)];
+        let points = places.map(|(number, x)| {
+            let point = Point {
+                position: Vector3::new(x, 0.0, 0.0),
+                covariance: None,
+                rays: 2,
+                circle: None,
+            };
+            (PointId::Target(number), Arc::new(point))
+        });
+        let bar = ScaleBar {
+            name: "steel".into(),
+            from: "M1".into(),
+            to: "M2".into(),
+            length_mm: 1000.0,
+            sigma_mm: 0.01,
+            role: BarRole::Control,
+            expansion: Some(warm(11.5e-6)),
+        };
+        Network {
+            points: Arc::new(points.into()),
+            scale_bars: Arc::new(vec![bar]),
+            ..Network::default()
+        }
+    }
+
+    fn length(network: &Network) -> f64 {
+        let place = |number| network.points[&PointId::Target(number)].position;
+        (place(1) - place(2)).norm()
+    }
+
+    #[test]
+    fn the_scale_is_that_of_the_warm_bar_at_the_reference_temperature_of_the_object() {
+        let mut network = network();
+        apply_frame(&mut network);
+        assert!((length(&network) - 1000.115).abs() < 1e-9);
+        let settings = Arc::make_mut(&mut network.settings);
+        settings.targets.object = Some(warm(23e-6));
+        apply_frame(&mut network);
+        assert!((length(&network) - 1000.115 / 1.00023).abs() < 1e-9);
+    }
+
+    #[test]
+    fn lengths_without_a_bar_are_brought_to_the_reference_temperature_too() {
+        let mut network = network();
+        let lengths = vec![Lengths {
+            known: 30.0,
+            present: 30.0,
+        }];
+        let settings = Arc::make_mut(&mut network.settings);
+        settings.targets.object = Some(warm(23e-6));
+        let brought = at_reference(&network, lengths);
+        assert!((brought[0].known - 30.0 / 1.00023).abs() < 1e-12);
+    }
 }

@@ -304,6 +304,16 @@ impl<'a> Field<'a> {
         }
     }
 
+    /// A finite number from `range`.
+    pub(super) fn within(self, range: std::ops::RangeInclusive<f64>) -> Result<f64, FileError> {
+        let value = self.number()?;
+        if !range.contains(&value) {
+            let (least, most) = (range.start(), range.end());
+            return Err(self.expected(format!("a number from {least} to {most}")));
+        }
+        Ok(value)
+    }
+
     /// A finite number or nothing.
     pub(super) fn number_or_nothing(self) -> Result<Option<f64>, FileError> {
         if self.text.is_empty() {

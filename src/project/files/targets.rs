@@ -1,4 +1,4 @@
-//! `targets.toml`: the sizes of the targets in use.
+//! `targets.toml`: the sizes of the targets in use, and what warmth does to the object that carries them.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -6,7 +6,7 @@ use std::path::Path;
 use super::FileError;
 use super::error::{read_with, without_mark};
 use super::keys::{Document, Keys};
-use crate::network::{DotFamily, TargetSizes};
+use crate::network::{DotFamily, Expansion, REFERENCE_CELSIUS, TargetSizes};
 use crate::targets::Family;
 
 /// Pitches and diameters that targets may have, mm.
@@ -31,7 +31,7 @@ pub fn parse_targets(file: &str, text: &str) -> Result<TargetSizes, FileError> {
     let document = Document { file, text };
     let table = document.parse()?;
     let keys = document.keys(&table);
-    keys.refuse_others(&["family", "plain"])?;
+    keys.refuse_others(&["family", "plain", "object"])?;
     let mut sizes = TargetSizes::default();
     if let Some(families) = keys.get("family") {
         for entry in families.tables()? {
@@ -46,7 +46,25 @@ pub fn parse_targets(file: &str, text: &str) -> Result<TargetSizes, FileError> {
             sizes.plain_dot_mm = dot.within(SIZE_MM, "mm")?;
         }
     }
+    if let Some(object) = keys.get("object") {
+        sizes.object = Some(expansion(object.table()?)?);
+    }
     Ok(sizes)
+}
+
+/// The temperatures and the coefficient of the object.
+fn expansion(object: Keys<'_>) -> Result<Expansion, FileError> {
+    object.refuse_others(&["temperature_c", "reference_c", "expansion_per_k"])?;
+    let temperature = object.required("temperature_c")?;
+    let per_k = object.required("expansion_per_k")?;
+    Ok(Expansion {
+        per_k: per_k.within(Expansion::PER_K, "1/K")?,
+        temperature_c: temperature.within(Expansion::CELSIUS, "C")?,
+        reference_c: match object.get("reference_c") {
+            Some(reference) => reference.within(Expansion::CELSIUS, "C")?,
+            None => REFERENCE_CELSIUS,
+        },
+    })
 }
 
 fn dot_family(entry: Keys<'_>, before: &TargetSizes) -> Result<DotFamily, FileError> {
@@ -93,6 +111,13 @@ pub fn targets_toml(sizes: &TargetSizes) -> String {
         );
     }
     let _ = write!(text, "[plain]\ndot_mm = {:?}\n", sizes.plain_dot_mm);
+    if let Some(object) = &sizes.object {
+        let _ = write!(
+            text,
+            "\n[object]\ntemperature_c = {:?}\nreference_c = {:?}\nexpansion_per_k = {:?}\n",
+            object.temperature_c, object.reference_c, object.per_k
+        );
+    }
     text
 }
 
@@ -116,6 +141,11 @@ mod tests {
                 },
             ],
             plain_dot_mm: 6.25,
+            object: Some(Expansion {
+                per_k: 23e-6,
+                temperature_c: 27.5,
+                reference_c: 21.0,
+            }),
         };
         assert_eq!(parse_targets("t.toml", &targets_toml(&sizes)), Ok(sizes));
         assert_eq!(parse_targets("t.toml", ""), Ok(TargetSizes::default()));
@@ -126,6 +156,10 @@ mod tests {
         let sizes = parse_targets("t.toml", "[[family]]\nname = 'dot420'\ndot_mm = 6\n").unwrap();
         assert_eq!(sizes.families[0].pitch_mm, 5.0);
         assert_eq!(sizes.plain_dot_mm, 5.0);
+        assert_eq!(sizes.object, None);
+        let object = "[object]\ntemperature_c = 31\nexpansion_per_k = 23e-6\n";
+        let object = parse_targets("t.toml", object).unwrap().object.unwrap();
+        assert_eq!((object.reference_c, object.temperature_c), (20.0, 31.0));
     }
 
     #[test]
@@ -158,6 +192,18 @@ mod tests {
             (
                 "[plain]\ndot_mm = 0",
                 "t.toml, line 2, column 10: found 'dot_mm = 0', expected a number from 0.001 to 10000 (mm)",
+            ),
+            (
+                "[object]\ntemperature_c = 30\nexpansion_per_k = 23",
+                "t.toml, line 3, column 19: found 'expansion_per_k = 23', expected a number from -0.0005 to 0.0005 (1/K)",
+            ),
+            (
+                "[object]\ntemperature_c = -300\nexpansion_per_k = 23e-6",
+                "t.toml, line 2, column 17: found 'temperature_c = -300', expected a number from -273.15 to 1000 (C)",
+            ),
+            (
+                "[object]\nexpansion_per_k = 23e-6",
+                "t.toml, line 1, column 1: found no key temperature_c, expected it",
             ),
             (
                 "[plain]\ndot = 3",

@@ -367,7 +367,8 @@ impl Scene {
             } else {
                 ""
             };
-            let text = format!("{} {:.3} mm{role}", bar.name, bar.length_mm);
+            let length = network.bar_length_mm(bar);
+            let text = format!("{} {length:.3} mm{role}", bar.name);
             self.bars.push(SceneBar {
                 middle: (from + to) / 2.0,
                 text,

@@ -119,6 +119,7 @@ pub(super) fn ring_network(stations: u32, points: u32) -> Network {
         length_mm: 500.012,
         sigma_mm: 0.01,
         role: BarRole::Control,
+        expansion: None,
     }]);
     network
 }

@@ -116,6 +116,11 @@ fn network(images: u32, mut next: impl FnMut() -> f64) -> Network {
         length_mm: next(),
         sigma_mm: next(),
         role: BarRole::Check,
+        expansion: Some(Expansion {
+            per_k: next(),
+            temperature_c: next(),
+            reference_c: next(),
+        }),
     }]);
     n.control = Arc::new(vec![ControlPoint {
         label: "M7".into(),

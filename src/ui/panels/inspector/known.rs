@@ -68,10 +68,16 @@ impl Known {
         for bar in bars.filter(|bar| is_end(&bar.from) || is_end(&bar.to)) {
             ui.horizontal_wrapped(|ui| {
                 let role = bar_role(bar.role);
-                ui.label(format!(
+                let length = ui.label(format!(
                     "bar {}: {} to {}, {:.3} mm, {role}",
-                    bar.name, bar.from, bar.to, bar.length_mm
+                    bar.name,
+                    bar.from,
+                    bar.to,
+                    network.bar_length_mm(bar)
                 ));
+                if let Some(reason) = network.reason_of_bar_length(bar) {
+                    length.on_hover_text(format!("calibrated {:.4} mm; {reason}", bar.length_mm));
+                }
                 if ui
                     .small_button(format!("Remove bar {}", bar.name))
                     .clicked()

@@ -240,7 +240,7 @@ fn bars(network: &Network) -> Vec<Row> {
             Cell::text(bar.from.as_str()),
             Cell::text(bar.to.as_str()),
             Cell::text(role),
-            Cell::number(bar.length_mm, digits),
+            Cell::number(network.bar_length_mm(bar), digits),
             Cell::number(bar.sigma_mm, digits),
             Cell::known(result.map(|r| r.difference_mm), 4),
             Cell::known(result.and_then(|r| r.test), 2),
@@ -320,6 +320,7 @@ mod tests {
             length_mm: 900.0,
             sigma_mm: 0.01,
             role: BarRole::Check,
+            expansion: None,
         }]);
         for kind in TableKind::ALL {
             let table = Table::of(kind, &network);
