@@ -41,7 +41,9 @@ mod tests {
     use nalgebra::Vector3;
 
     use super::super::simulation::{bar, solve, toy};
-    use super::super::{Adjustment, BundleProblem, Datum, ParameterState, PointBlock};
+    use super::super::{
+        Adjustment, BundleProblem, CoordinatePrior, Datum, ParameterState, PointBlock,
+    };
 
     fn sum_of_redundancy_numbers(adjustment: &Adjustment) -> f64 {
         let rays = adjustment.observations.iter().map(|o| o.redundancy.sum());
@@ -99,8 +101,10 @@ mod tests {
         }
         toy.problem.datum = Datum::Control;
         let before = solve(&toy.problem).unwrap().points[9].known[1].unwrap();
-        let known = toy.problem.points[9].prior[1].as_mut().unwrap();
-        known.value += 0.005;
+        toy.problem.points[9].prior[1] = Some(CoordinatePrior::Weighted {
+            value: toy.truth.points[9].y + 0.005,
+            sigma: 0.02,
+        });
         let after = solve(&toy.problem).unwrap().points[9].known[1].unwrap();
         let change = after.residual - before.residual;
         let expected = -0.005 * before.redundancy;
