@@ -23,8 +23,11 @@ use crate::targets::DotIndex;
 /// Fewest rays that give a point coordinates.
 const RAYS_TO_INTERSECT: usize = 2;
 
-/// Standard deviation of a control coordinate that is given as fixed, mm: far below what pictures can tell.
+/// Standard deviation of a control coordinate that is given as fixed, mm, at most: far below what pictures can tell.
 const FIXED_SIGMA_MM: f64 = 1e-6;
+
+/// The same as a share of the extent of all known coordinates, for small objects and for units that are not mm.
+const FIXED_SHARE: f64 = 1e-9;
 
 /// Standard deviation of a weighted control coordinate that is given without one, mm.
 const UNSTATED_SIGMA_MM: f64 = 0.01;
@@ -517,6 +520,22 @@ fn inner_constraints(datum: DatumPoints, points: &[PointId]) -> (Datum, String) 
     (Datum::InnerConstraints { points: chosen }, text)
 }
 
+/// Standard deviation of fixed coordinates, mm.
+fn fixed_sigma(network: &Network) -> f64 {
+    let extent = (0..3).map(|axis| {
+        let values = network.control.iter();
+        let values = values.filter_map(|control| control.coordinates_mm[axis]);
+        let [least, most] = values.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], value| {
+            [a.min(value), b.max(value)]
+        });
+        most - least
+    });
+    match FIXED_SHARE * extent.fold(0.0, f64::max) {
+        share if share > 0.0 => share.min(FIXED_SIGMA_MM),
+        _ => FIXED_SIGMA_MM,
+    }
+}
+
 /// Weighted and fixed control; whether it determines the datum (three points with all coordinates).
 fn add_control(
     network: &Network,
@@ -524,9 +543,10 @@ fn add_control(
     blocks: &mut [PointBlock],
 ) -> bool {
     let mut whole = 0;
+    let fixed = fixed_sigma(network);
     for control in network.control.iter() {
         let sigma = |axis: usize| match control.role {
-            ControlRole::Fixed => FIXED_SIGMA_MM,
+            ControlRole::Fixed => fixed,
             _ => control.sigmas_mm[axis].unwrap_or(UNSTATED_SIGMA_MM),
         };
         let enters = matches!(control.role, ControlRole::Weighted | ControlRole::Fixed);
