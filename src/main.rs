@@ -42,6 +42,8 @@ enum Command {
     Compare(Compare),
     /// Adjust a network without pictures.
     Adjust(AdjustArguments),
+    /// Make a project of another program's network.
+    Import(Import),
     /// Write the table of a code family, or sheets of its targets to print.
     Codes(Codes),
 }
@@ -121,6 +123,17 @@ struct AdjustArguments {
     /// Print the result as JSON.
     #[arg(long)]
     json: bool,
+}
+
+#[derive(Args)]
+struct Import {
+    /// The program that wrote the files: aicon, dbat or colmap.
+    #[arg(long, value_name = "PROGRAM")]
+    from: commands::Program,
+    /// Folder of its files; pictures are looked for there and in the folders in it.
+    folder: PathBuf,
+    /// Project file to make.
+    project: PathBuf,
 }
 
 #[derive(Args)]
@@ -371,6 +384,11 @@ fn run(command: Command, monitor: &Monitor) -> Result<(), CommandError> {
             commands::Form::of_json(adjust.json),
             monitor,
         ),
+        Command::Import(import) => commands::import(&commands::ImportRequest {
+            program: import.from,
+            folder: import.folder,
+            project: import.project,
+        }),
         Command::Codes(codes) => write_codes(codes),
     }
 }

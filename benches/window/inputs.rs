@@ -99,6 +99,7 @@ impl Inputs {
             radial: [0.0; 3],
             tangential: [0.0; 2],
             affinity: [0.0; 2],
+            direction: Default::default(),
             known_sigmas: [None; 10],
         };
         fs::write(folder.join("camera.toml"), cameras_toml(&[camera])).expect("a camera file");
@@ -130,6 +131,7 @@ pub(crate) fn ring_of_stations(stations: u32, points: u32) -> Network {
         nominal: camera.clone(),
         camera,
         known_sigmas: [None; 10],
+        parameters: Default::default(),
         source: InteriorSource::CameraFile,
         exif_model: None,
     };

@@ -285,6 +285,7 @@ fn write_inputs(files: &DemoFiles, experiment: &Experiment) -> Result<(), Comman
         radial: [0.0; 3],
         tangential: [0.0; 2],
         affinity: [0.0; 2],
+        direction: Default::default(),
         known_sigmas: [None; 10],
     };
     write_file(&files.at("camera.toml"), cameras_toml(&[camera]).as_bytes())?;

@@ -7,6 +7,7 @@ mod codes;
 mod demo;
 mod detect;
 mod export;
+mod import;
 mod overlays;
 mod project;
 mod run;
@@ -17,6 +18,7 @@ use std::path::Path;
 
 use crate::imaging::LoadError;
 use crate::project::files::FileError;
+use crate::project::import::ImportingError;
 use crate::project::intake::IntakeError;
 use crate::project::making::MakingError;
 use crate::project::session::Session;
@@ -28,6 +30,7 @@ pub use codes::{SheetRequest, codes, codes_sheet};
 pub use demo::{DemoCross, DemoRequest, PreparedDemo, demo, prepare_demo};
 pub use detect::{DetectRequest, detect};
 pub use export::{ExportRequest, compare, export};
+pub use import::{ImportRequest, Program, import};
 pub use project::{NewRequest, add, exclude, new};
 pub use run::{measure, run};
 pub use terminal::{monitor_on_terminal, report, report_failure};
@@ -130,6 +133,15 @@ impl From<MakingError> for CommandError {
             MakingError::File(error) => error.into(),
             MakingError::Intake(error) => error.into(),
             MakingError::Storage(error) => error.into(),
+        }
+    }
+}
+
+impl From<ImportingError> for CommandError {
+    fn from(error: ImportingError) -> Self {
+        match error {
+            ImportingError::Storage(error) => error.into(),
+            other => Self::input(other.to_string()),
         }
     }
 }

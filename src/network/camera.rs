@@ -32,6 +32,26 @@ impl fmt::Display for InteriorSource {
     }
 }
 
+/// What self-calibration may do with a parameter of the lens.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LensParameter {
+    /// It is let go as far as the images tell it.
+    #[default]
+    Automatic,
+    /// It is free whatever the images tell, as another program had it.
+    Free,
+    /// It keeps its nominal value.
+    Held,
+}
+
+impl LensParameter {
+    /// All ten as the images tell them: how every camera was before there was a choice.
+    fn are_automatic(parameters: &[Self; 10]) -> bool {
+        *parameters == [Self::Automatic; 10]
+    }
+}
+
 /// A camera with its start and its present values.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CameraEntry {
@@ -43,6 +63,9 @@ pub struct CameraEntry {
     pub camera: Camera,
     /// Standard deviations of known parameters in the order of `INTERIOR_NAMES`; `None`: no such knowledge.
     pub known_sigmas: [Option<f64>; 10],
+    /// What self-calibration may do with the parameters, in the order of `INTERIOR_NAMES`.
+    #[serde(default, skip_serializing_if = "LensParameter::are_automatic")]
+    pub parameters: [LensParameter; 10],
     /// Where the principal distance comes from.
     pub source: InteriorSource,
     /// Camera model in the EXIF data of its images.

@@ -19,9 +19,9 @@ pub struct ImageId(pub u32);
 pub struct ImageFile {
     /// Path relative to the project file's folder where it can be, with forward slashes.
     pub path: String,
-    /// Size of the file, bytes.
+    /// Size of the file, bytes; 0 where there was none when the image was imported.
     pub size_bytes: u64,
-    /// SHA-256 of the file, hexadecimal.
+    /// SHA-256 of the file, hexadecimal; empty where there was none when the image was imported.
     pub sha256: String,
     /// Columns.
     pub width_px: u32,
@@ -49,7 +49,7 @@ pub const SET_ASIDE_BY_OPERATOR: &str = "set aside by the operator";
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Source {
-    /// A stage.
+    /// A stage, or another program.
     Automatic,
     /// The operator; no stage overrides it.
     Operator,

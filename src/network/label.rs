@@ -7,6 +7,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::targets::Family;
 
+/// The highest number of a plain target: there is always one behind it.
+const LAST_TARGET: u32 = 1_000_000_000;
+
 /// Which dot of a coded target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum CodeDot {
@@ -190,7 +193,9 @@ impl FromStr for PointId {
                 .ok_or_else(unknown);
         }
         if let Some(rest) = s.strip_prefix('M') {
-            return Ok(PointId::Target(number(rest)?));
+            let target = number(rest)?;
+            let known = target <= LAST_TARGET;
+            return known.then_some(PointId::Target(target)).ok_or_else(unknown);
         }
         Err(unknown())
     }
@@ -225,7 +230,17 @@ mod tests {
     #[test]
     fn what_names_no_point_is_refused() {
         for label in [
-            "", "C0", "C421", "C17.4", "R14-517", "R13-1", "R14", "Mx", "cross:0", "Q1",
+            "",
+            "C0",
+            "C421",
+            "C17.4",
+            "R14-517",
+            "R13-1",
+            "R14",
+            "Mx",
+            "M4294967295",
+            "cross:0",
+            "Q1",
         ] {
             assert!(label.parse::<PointId>().is_err(), "{label}");
         }

@@ -14,6 +14,7 @@ mod expansion;
 mod frame;
 mod image;
 mod label;
+mod names;
 mod result;
 mod settings;
 mod stage;
@@ -25,7 +26,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::Similarity;
 
-pub use camera::{CameraEntry, CameraId, InteriorSource};
+pub use camera::{CameraEntry, CameraId, InteriorSource, LensParameter};
 pub use connectivity::{CODES_TO_CONNECT, Code, Connectivity, ImageConnectivity};
 pub use expansion::{Expansion, REFERENCE_CELSIUS, length_at_reference, reason_of_length};
 pub use frame::{Frame, FrameProblem, FrameResult};
@@ -34,11 +35,12 @@ pub use image::{
     SET_ASIDE_BY_OPERATOR, Source, Station,
 };
 pub use label::{CodeDot, PointId, PointKind, UnknownLabel};
+pub use names::NameProblem;
 pub use result::{
     AdjustedObservation, AdjustmentResult, BarResult, CameraResult, ComponentResult,
     IdentificationPass, Point, ScaleSource, Standing,
 };
-pub use settings::{DevicePose, DotFamily, MeasurementSettings, TargetSizes};
+pub use settings::{DevicePose, DotFamily, GrossErrors, MeasurementSettings, TargetSizes};
 pub use stage::{About, Conclusion, Finding, FindingKind, Outcome, Stage};
 
 /// One scale bar: a known distance between two points.
@@ -118,6 +120,9 @@ pub struct Network {
     pub images: Arc<BTreeMap<ImageId, Arc<ImageEntry>>>,
     /// Points whose coordinates are known at least approximately.
     pub points: Arc<BTreeMap<PointId, Arc<Point>>>,
+    /// Names that plain targets have in place of `M` and their number: those of another program, or the operator's.
+    #[serde(default)]
+    pub names: Arc<BTreeMap<u32, String>>,
     /// The exterior orientation device; empty where none is used.
     pub device: Arc<Vec<DevicePoint>>,
     /// Scale bars.
@@ -187,30 +192,6 @@ impl Network {
     pub fn camera_mut(&mut self, id: CameraId) -> &mut CameraEntry {
         let cameras = Arc::make_mut(&mut self.cameras);
         Arc::make_mut(cameras.get_mut(&id).expect("a camera of this network"))
-    }
-
-    /// The label of a point as the operator reads it: `C17.O`, `R14-57`, `X1`, `M5`.
-    #[must_use]
-    pub fn label(&self, id: PointId) -> String {
-        match id {
-            PointId::Device(index) => self
-                .device
-                .get(usize::from(index))
-                .map_or_else(|| id.to_string(), |point| point.label.clone()),
-            _ => id.to_string(),
-        }
-    }
-
-    /// The point of a label; `C17` means `C17.O`.
-    ///
-    /// # Errors
-    /// [`UnknownLabel`] where the text is the label of no point of this project's kinds.
-    pub fn point_of_label(&self, label: &str) -> Result<PointId, UnknownLabel> {
-        let label = label.trim();
-        if let Some(index) = self.device.iter().position(|point| point.label == label) {
-            return Ok(PointId::Device(index as u16));
-        }
-        label.parse()
     }
 
     /// Whether a stage has done its work on the present inputs.

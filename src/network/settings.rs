@@ -69,6 +69,18 @@ pub enum DevicePose {
     Dlt,
 }
 
+/// What the adjustments do with observations that fail the test for gross errors.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum GrossErrors {
+    /// They are rejected.
+    #[default]
+    Reject,
+    /// They are kept: another program has taken out what it would not use. While images are connected they are rejected
+    /// all the same.
+    Keep,
+}
+
 /// What the operator asks for; changing any of it is an edit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MeasurementSettings {
@@ -82,6 +94,9 @@ pub struct MeasurementSettings {
     pub detection_batch: usize,
     /// Critical value of |w| above which the adjustment rejects an observation; 4.0 rejects one good observation in 16,000.
     pub critical_w: f64,
+    /// Whether it does.
+    #[serde(default)]
+    pub gross_errors: GrossErrors,
     /// Fewest rays of a plain target.
     pub min_rays: u32,
     /// First orientation from the reference cross.
@@ -97,6 +112,7 @@ impl Default for MeasurementSettings {
             seed: 1,
             detection_batch: 16,
             critical_w: 4.0,
+            gross_errors: GrossErrors::default(),
             min_rays: 3,
             device_pose: DevicePose::default(),
         }

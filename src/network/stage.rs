@@ -142,6 +142,8 @@ pub enum FindingKind {
     Frame,
     /// A stage could not do its work.
     StageFailed,
+    /// What another program has otherwise than this one; it stands as long as the project.
+    Import,
 }
 
 /// Doubtful data: the work goes on, the operator reads it.

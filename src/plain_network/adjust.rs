@@ -131,10 +131,7 @@ impl PlainNetwork {
         settings: &PlainSettings,
         monitor: &Monitor,
     ) -> Result<PlainAdjustment, PlainError> {
-        let mut usable = Usable::of(self);
-        let starts = Starts::find(self, [&usable.images, &usable.points]);
-        self.leave_out_unknown(&mut usable, &starts);
-        usable.settle(self);
+        let (mut usable, starts) = self.beginning();
         let part = self.part(&usable, &starts)?;
         self.tell_of_scale(&part, &mut usable.told);
         let in_words = |error| self.in_words(&part, error);
@@ -159,6 +156,31 @@ impl PlainNetwork {
             rejected,
             told: usable.told,
         })
+    }
+
+    /// The network as an adjustment begins with it: a pose and coordinates for everything that can take part, none for the
+    /// rest; and a line for each thing of the rest.
+    #[must_use]
+    pub fn started(&self) -> (Self, Vec<String>) {
+        let (usable, starts) = self.beginning();
+        let mut network = self.clone();
+        for (index, image) in network.images.iter_mut().enumerate() {
+            image.start = starts.poses[index].filter(|_| usable.images[index]);
+        }
+        for (index, point) in network.points.iter_mut().enumerate() {
+            let place = starts.positions[index].filter(|_| usable.points[index]);
+            point.start = place.map(Into::into);
+        }
+        (network, usable.told)
+    }
+
+    /// What can be adjusted, and where it starts.
+    fn beginning(&self) -> (Usable, Starts) {
+        let mut usable = Usable::of(self);
+        let starts = Starts::find(self, [&usable.images, &usable.points]);
+        self.leave_out_unknown(&mut usable, &starts);
+        usable.settle(self);
+        (usable, starts)
     }
 
     fn leave_out_unknown(&self, usable: &mut Usable, starts: &Starts) {

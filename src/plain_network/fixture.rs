@@ -14,7 +14,7 @@ use crate::geometry::Pose;
 use crate::network::{BarRole, Expansion};
 
 /// Two images of four points, one of them known, and a distance.
-pub(super) fn small_network() -> PlainNetwork {
+pub(crate) fn small_network() -> PlainNetwork {
     let pose = |x: f64| {
         Pose::looking_at(
             Vector3::new(x, 0.0, 1000.0),
@@ -76,6 +76,89 @@ pub(super) fn small_network() -> PlainNetwork {
             expansion: None,
         }],
         datum: PlainDatum::Control,
+        residuals: ResidualPlane::Measured,
+        object: None,
+    }
+}
+
+/// Images of [`network`].
+const IMAGES: usize = 8;
+
+/// A camera whose parameters are all fixed.
+fn lens(direction: LensDirection) -> PlainCamera {
+    PlainCamera {
+        name: "A".into(),
+        width_px: 4000,
+        height_px: 3000,
+        pixel_pitch_mm: 0.005,
+        lens: direction,
+        values: [24.0, 0.05, -0.03, 1e-4, -1e-7, 0.0, 1e-6, 2e-6, 1e-4, 0.0],
+        parameters: [PlainParameter::Fixed; 10],
+    }
+}
+
+/// Where its points are, mm.
+pub(crate) fn places() -> Vec<Vector3<f64>> {
+    let number = |k: usize, n: usize| (k % n) as f64;
+    (0..30)
+        .map(|k| {
+            Vector3::new(
+                90.0 * number(k, 6),
+                110.0 * number(k / 6, 5),
+                40.0 * number(k, 4),
+            )
+        })
+        .collect()
+}
+
+/// Eight images round thirty points, without noise, a distance, all starts.
+pub(crate) fn network(direction: LensDirection) -> PlainNetwork {
+    let camera = lens(direction);
+    let places = places();
+    let middle = places.iter().sum::<Vector3<f64>>() / places.len() as f64;
+    let mut images = Vec::new();
+    let mut observations = Vec::new();
+    for image in 0..IMAGES {
+        let around = std::f64::consts::TAU * image as f64 / IMAGES as f64;
+        let from = middle + Vector3::new(500.0 * around.cos(), 500.0 * around.sin(), 900.0);
+        let pose = Pose::looking_at(from, middle, Vector3::y(), 1.6 * image as f64);
+        for (point, place) in places.iter().enumerate() {
+            let pixel = camera
+                .camera()
+                .project(&pose.camera_from_point(place))
+                .unwrap();
+            observations.push(PlainObservation {
+                image,
+                point,
+                x_px: pixel.x,
+                y_px: pixel.y,
+                sigma_px: 0.1,
+            });
+        }
+        images.push(PlainImage {
+            name: format!("I{image}"),
+            camera: 0,
+            start: Some(pose),
+        });
+    }
+    let point = |(k, place): (usize, &Vector3<f64>)| {
+        PlainPoint::new(format!("P{k}"), Some((*place).into()))
+    };
+    PlainNetwork {
+        cameras: vec![camera],
+        images,
+        points: places.iter().enumerate().map(point).collect(),
+        observations,
+        distances: vec![PlainDistance {
+            name: "bar".into(),
+            from: 0,
+            to: 29,
+            length_mm: (places[29] - places[0]).norm(),
+            sigma_mm: 0.01,
+            role: BarRole::Control,
+            expansion: None,
+        }],
+        datum: PlainDatum::InnerConstraints(DatumPoints::All),
         residuals: ResidualPlane::Measured,
         object: None,
     }

@@ -200,7 +200,7 @@ fn bad_files_are_answered_in_one_line() {
         ),
         (
             file(image, point, seen, r#","object":{"temperature_c":30}"#),
-            "net.json, line 1, column 249: found no key expansion_per_k, expected it",
+            "net.json, line 1, column 254: found no key expansion_per_k, expected it",
         ),
         (
             file(image, point, seen, r#","datum":{"inner_constraints":["q"]}"#),

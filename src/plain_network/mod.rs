@@ -36,7 +36,7 @@ mod usable;
 #[cfg(test)]
 mod damaged;
 #[cfg(test)]
-mod fixture;
+pub(crate) mod fixture;
 #[cfg(test)]
 mod real_data;
 

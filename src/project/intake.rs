@@ -141,6 +141,7 @@ pub fn add_cameras(network: &mut Network, files: &[CameraFile]) {
                 camera: nominal.clone(),
                 nominal,
                 known_sigmas: file.known_sigmas,
+                parameters: Default::default(),
                 source: if known {
                     InteriorSource::CameraFile
                 } else {
@@ -496,6 +497,7 @@ fn camera_of_meta(network: &mut Network, candidate: &Candidate) -> CameraId {
             camera: nominal.clone(),
             nominal,
             known_sigmas: [None; 10],
+            parameters: Default::default(),
             source: if known {
                 InteriorSource::Exif
             } else {

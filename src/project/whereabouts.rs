@@ -9,6 +9,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::intake::{hash, picture_path, stored_path};
+use crate::imaging::read_size;
 use crate::monitor::{Interrupted, Monitor};
 use crate::network::{ImageEntry, ImageFile, ImageId, Network};
 
@@ -250,8 +251,11 @@ struct Hashes {
 }
 
 impl Hashes {
-    /// Whether the file at a path is the one that was added.
+    /// Whether the file at a path is the one that was added; where none was there, whether it is a picture of the size.
     fn is(&mut self, path: &Path, file: &ImageFile) -> bool {
+        if file.sha256.is_empty() {
+            return read_size(path).is_ok_and(|size| size == (file.width_px, file.height_px));
+        }
         if !fs::metadata(path).is_ok_and(|found| found.len() == file.size_bytes) {
             return false;
         }
@@ -391,6 +395,29 @@ mod tests {
         session.move_pictures(&moves).unwrap();
         let unreadable = |id| session.network().images[&ImageId(id)].unreadable.is_some();
         assert_eq!([unreadable(1), unreadable(2)], [false, true]);
+    }
+
+    #[test]
+    fn a_picture_that_was_not_there_at_the_import_is_known_by_name_and_size() {
+        let folder = Folder::new("whereabouts-imported");
+        let mut session = project(&folder);
+        let imported: Result<(), StorageError> = session.edit("import", |network| {
+            for id in [1, 2] {
+                let file = &mut network.image_mut(ImageId(id)).file;
+                (file.size_bytes, file.sha256) = (0, String::new());
+            }
+            network.image_mut(ImageId(2)).file.width_px = 5;
+            Ok(())
+        });
+        imported.unwrap();
+        folder.rename("p/images", "elsewhere");
+        let moves = search(&session, &folder, "elsewhere");
+        assert_eq!(
+            moves.other_content.keys().collect::<Vec<_>>(),
+            [&ImageId(2)]
+        );
+        assert_eq!(session.move_pictures(&moves).unwrap().found, 3);
+        assert_eq!(paths(&session)[..2], ["../elsewhere/1.pgm", "images/2.pgm"]);
     }
 
     #[test]

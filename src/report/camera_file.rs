@@ -25,6 +25,8 @@ pub struct CameraFile {
     pub tangential: [f64; 2],
     /// B1, B2.
     pub affinity: [f64; 2],
+    /// What the distortion is a function of.
+    pub direction: LensDirection,
     /// Standard deviations of known parameters in the order of [`crate::camera::INTERIOR_NAMES`]; `None`: no such knowledge.
     pub known_sigmas: [Option<f64>; 10],
 }
@@ -43,7 +45,7 @@ impl CameraFile {
             radial: self.radial,
             tangential: self.tangential,
             affinity: self.affinity,
-            direction: LensDirection::Correcting,
+            direction: self.direction,
         }
     }
 }
@@ -92,6 +94,29 @@ fn write_camera(text: &mut String, camera: &CameraFile) {
     write_group(text, "radial", &camera.radial, &sigmas[3..6]);
     write_group(text, "tangential", &camera.tangential, &sigmas[6..8]);
     write_group(text, "affinity", &camera.affinity, &sigmas[8..10]);
+    write_direction(text, camera.direction);
+}
+
+/// The direction of the lens where it is not ours.
+fn write_direction(text: &mut String, direction: LensDirection) {
+    let name = direction_name(direction);
+    if !direction.is_correcting() {
+        let _ = writeln!(text, "lens = \"{name}\"");
+    }
+    if let LensDirection::Displacing { balanced_radius_mm } = direction {
+        let _ = writeln!(text, "balanced_radius_mm = {balanced_radius_mm:?}");
+    }
+}
+
+/// The name of a lens's direction in camera files.
+#[must_use]
+pub fn direction_name(direction: LensDirection) -> &'static str {
+    match direction {
+        LensDirection::Correcting => "correcting",
+        LensDirection::CorrectingAffinityFirst => "correcting_affinity_first",
+        LensDirection::Displacing { .. } => "displacing",
+        LensDirection::DisplacingAffinityLast => "displacing_affinity_last",
+    }
 }
 
 /// A key with its values, and their sigmas where there are any; an infinite one stands for no knowledge.

@@ -327,6 +327,7 @@ pub fn export_cameras(network: &Network) -> Result<String, NoFigures> {
                 radial: interior.radial,
                 tangential: interior.tangential,
                 affinity: interior.affinity,
+                direction: interior.direction,
                 known_sigmas: match result {
                     None => entry.known_sigmas,
                     // A parameter without variance was not estimated: there is nothing to weight it with.

@@ -74,6 +74,7 @@ fn camera() -> CameraEntry {
         nominal: camera.clone(),
         camera,
         known_sigmas: [None; 10],
+        parameters: Default::default(),
         source: InteriorSource::CameraFile,
         exif_model: None,
     }

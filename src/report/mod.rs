@@ -21,7 +21,7 @@ mod sheet_svg;
 mod summary;
 mod truth_check;
 
-pub use camera_file::{CameraFile, cameras_toml};
+pub use camera_file::{CameraFile, cameras_toml, direction_name};
 pub use codes::codes_csv;
 pub use compare::{
     Agreement, CompareError, CompareSettings, Comparison, Counterpart, Difference, ReferencePoint,

@@ -16,15 +16,15 @@ use super::set_aside::{
 };
 use super::take_up::take_up_codes;
 use super::weak::{chance_orientations, chance_pair, weak_stations};
-use super::what_holds::adjust_what_holds;
+use super::what_holds::{adjust_all_that_holds, adjust_what_holds};
 use super::{Halt, StageError};
 use crate::adjustment::{AdjustmentError, BundleSettings, RobustAdjustment};
 use crate::camera::INTERIOR_NAMES;
 use crate::geometry::ThreeTwoOne;
 use crate::monitor::Monitor;
 use crate::network::{
-    About, AdjustmentResult, Finding, FindingKind, Frame, FrameResult, ImageId, Network, Outcome,
-    PointId, Stage, Standing,
+    About, AdjustmentResult, Finding, FindingKind, Frame, FrameResult, GrossErrors, ImageId,
+    Network, Outcome, PointId, Stage, Standing,
 };
 use crate::targets::Family;
 
@@ -197,7 +197,11 @@ fn solve(
     let mut weighed = Weighed::new();
     loop {
         let calibrated = |network: &Network| assemble(network, LensFreedom::Calibrated(&weighed));
-        match adjust_what_holds(network, calibrated, settings, monitor) {
+        let adjusted = match network.settings.gross_errors {
+            GrossErrors::Reject => adjust_what_holds(network, calibrated, settings, monitor),
+            GrossErrors::Keep => adjust_all_that_holds(network, calibrated, settings, monitor),
+        };
+        match adjusted {
             Ok((bundle, robust)) => {
                 let sigmas = bundle.lens_sigmas(&robust.adjustment);
                 let loose = untold(network, &sigmas, LOOSE_SHARE);

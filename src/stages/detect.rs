@@ -164,7 +164,10 @@ pub(super) fn findings(network: &Network) -> Vec<Finding> {
     }
     let connectivity = Connectivity::of(network);
     for row in connectivity.images.iter().filter(|row| row.missing > 0) {
-        if network.images[&row.image].detections.is_some() {
+        let image = &network.images[&row.image];
+        // An image of plain targets alone, named by another program, is connected without a code.
+        let needs_none = row.codes.is_empty() && image.station.is_some();
+        if image.detections.is_some() && !needs_none {
             let text = missing_codes(network, &connectivity, row);
             note(FindingKind::Connectivity, row.image, text);
         }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::adjustment::ParameterState;
-use crate::network::{CameraEntry, CameraId, InteriorSource, Network};
+use crate::network::{CameraEntry, CameraId, InteriorSource, LensParameter, Network};
 
 /// How far the lens is let go.
 #[derive(Clone, Copy, Debug)]
@@ -11,7 +11,7 @@ pub(super) enum LensFreedom<'a> {
     /// Every parameter is held near its nominal value by what any real lens keeps to, and those that so few images of
     /// the camera cannot tell from their orientations keep it: K1 alone up to three images, no K3, P, B up to five.
     Provisional,
-    /// Self-calibration: every parameter is free but those known beforehand and the given ones; these, and all of a camera of fewer
+    /// Self-calibration: every parameter is free but those held or known beforehand and the given ones; these, and all of a camera of fewer
     /// than [`IMAGES_FOR_ALL`] oriented images, are weighed by what any real lens keeps to. What the images do not tell then
     /// enters the standard deviations of everything else.
     Calibrated(&'a Weighed),
@@ -61,7 +61,12 @@ pub(super) fn parameter_states(
     let usual = usual_sigmas(entry);
     std::array::from_fn(|parameter| {
         let value = nominal[parameter];
+        let own = entry.parameters[parameter];
         match (entry.known_sigmas[parameter], freedom) {
+            _ if own == LensParameter::Held => ParameterState::Fixed,
+            (None, LensFreedom::Calibrated(_)) if own == LensParameter::Free => {
+                ParameterState::Free
+            }
             (Some(sigma), _) => ParameterState::Weighted { value, sigma },
             (None, LensFreedom::Calibrated(weighed))
                 if images >= IMAGES_FOR_ALL
@@ -93,7 +98,9 @@ pub(super) fn untold(network: &Network, cameras: &[(CameraId, [f64; 10])], share
         let entry = &network.cameras[id];
         let usual = usual_sigmas(entry);
         let loose = std::array::from_fn(|parameter| {
-            entry.known_sigmas[parameter].is_none() && sigmas[parameter] > share * usual[parameter]
+            let is_chosen = entry.known_sigmas[parameter].is_some()
+                || entry.parameters[parameter] != LensParameter::Automatic;
+            !is_chosen && sigmas[parameter] > share * usual[parameter]
         });
         if loose.contains(&true) {
             untold.insert(*id, loose);

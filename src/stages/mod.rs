@@ -235,6 +235,9 @@ impl Stage {
 
     /// Whether the conclusion of this stage takes the place of a finding.
     fn judges_anew(self, finding: &Finding) -> bool {
+        if finding.kind == FindingKind::Import {
+            return false;
+        }
         let own = finding.stage == self;
         // The adjustments themselves say, each time anew, what they could not tell of the lens.
         let of_an_adjustment = matches!(self, Stage::AdjustCodes | Stage::Identify | Stage::Adjust)

@@ -139,6 +139,7 @@ pub(super) fn images_that_show(codes_of_images: &[&[u32]]) -> Network {
         camera: nominal.clone(),
         nominal,
         known_sigmas: [None; 10],
+        parameters: Default::default(),
         source: InteriorSource::CameraFile,
         exif_model: None,
     };

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::bundle::{Bundle, BundleFailure, known_points};
 use super::set_aside::{readings_aside, take_reading_up};
 use crate::adjustment::{
-    AdjustmentError, BundleSettings, RejectionSettings, RobustAdjustment, Settled,
+    AdjustmentError, BundleSettings, RejectionSettings, RobustAdjustment, Settled, adjust,
     adjust_with_rejection, settle,
 };
 use crate::monitor::Monitor;
@@ -24,6 +24,31 @@ pub(super) fn adjust_what_holds(
 ) -> Result<(Bundle, RobustAdjustment), BundleFailure> {
     what_holds(network, assemble, |bundle, rejection| {
         adjust_with_rejection(&bundle.problem, settings, rejection, monitor)
+    })
+}
+
+/// The same without rejection: every observation is used.
+///
+/// # Errors
+/// As [`adjust`].
+pub(super) fn adjust_all_that_holds(
+    network: &mut Network,
+    assemble: impl Fn(&Network) -> Bundle,
+    settings: BundleSettings,
+    monitor: &Monitor,
+) -> Result<(Bundle, RobustAdjustment), BundleFailure> {
+    let everything = |network: &Network| {
+        let mut bundle = assemble(network);
+        bundle.problem.rejected.clear();
+        bundle
+    };
+    what_holds(network, everything, |bundle, _| {
+        Ok(RobustAdjustment {
+            adjustment: adjust(bundle.problem.clone(), settings, monitor)?,
+            rejected: Vec::new(),
+            dropped_points: Vec::new(),
+            passes: 1,
+        })
     })
 }
 

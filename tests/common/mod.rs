@@ -99,6 +99,7 @@ fn rendered() -> Scene {
         radial: [0.0; 3],
         tangential: [0.0; 2],
         affinity: [0.0; 2],
+        direction: Default::default(),
         known_sigmas: [None; 10],
     };
     let cross: Vec<DevicePoint> = experiment

@@ -107,6 +107,7 @@ impl Cameras {
             camera: nominal.clone(),
             nominal,
             known_sigmas: [None; 10],
+            parameters: Default::default(),
             source,
             exif_model: None,
         }

@@ -132,6 +132,7 @@ pub(crate) fn of_experiment_with(
         camera: nominal.clone(),
         nominal,
         known_sigmas: [None; 10],
+        parameters: Default::default(),
         source: InteriorSource::CameraFile,
         exif_model: None,
     };

@@ -5,8 +5,10 @@ use std::path::Path;
 use super::error::{read_with, without_mark};
 use super::keys::{Document, Keys};
 use super::{CameraFile, FileError};
+use crate::camera::LensDirection;
+use crate::report::direction_name;
 
-const KEYS: [&str; 14] = [
+const KEYS: [&str; 16] = [
     "name",
     "width_px",
     "height_px",
@@ -16,6 +18,8 @@ const KEYS: [&str; 14] = [
     "radial",
     "tangential",
     "affinity",
+    "lens",
+    "balanced_radius_mm",
     "sigma_principal_distance_mm",
     "sigma_principal_point_mm",
     "sigma_radial",
@@ -36,6 +40,8 @@ const RADIAL_SHARE: std::ops::RangeInclusive<f64> = -0.95..=3.0;
 const TANGENTIAL_SHARE: f64 = 0.5;
 /// Largest affinity and shear; real sensors stay below 0.01.
 const LARGEST_AFFINITY: f64 = 0.5;
+/// Radii of balance, mm: from none to the corner of the largest sensors.
+const BALANCED_RADIUS_MM: std::ops::RangeInclusive<f64> = 0.0..=1000.0;
 /// Half a diagonal that stands for the smallest sensors where the pitch is not given, mm.
 const SMALLEST_RADIUS_MM: f64 = 1.0;
 
@@ -78,6 +84,7 @@ fn camera(keys: Keys<'_>) -> Result<CameraFile, FileError> {
         radial: [0.0; 3],
         tangential: [0.0; 2],
         affinity: [0.0; 2],
+        direction: direction(keys)?,
         known_sigmas: [None; 10],
     };
     if let Some(value) = keys.get("pixel_pitch_mm") {
@@ -89,6 +96,40 @@ fn camera(keys: Keys<'_>) -> Result<CameraFile, FileError> {
     read_lens(keys, &mut camera)?;
     read_sigmas(keys, &mut camera)?;
     Ok(camera)
+}
+
+/// What the distortion is a function of; ours where nothing is said.
+fn direction(keys: Keys<'_>) -> Result<LensDirection, FileError> {
+    let balanced = keys.get("balanced_radius_mm");
+    let displacing = LensDirection::Displacing {
+        balanced_radius_mm: match balanced {
+            Some(radius) => radius.within(BALANCED_RADIUS_MM, "mm")?,
+            None => 0.0,
+        },
+    };
+    let known = [
+        LensDirection::Correcting,
+        LensDirection::CorrectingAffinityFirst,
+        displacing,
+        LensDirection::DisplacingAffinityLast,
+    ];
+    let found = match keys.get("lens") {
+        None => LensDirection::Correcting,
+        Some(lens) => {
+            let text = lens.text()?;
+            let named = known
+                .iter()
+                .find(|direction| direction_name(**direction) == text);
+            let names = known.map(direction_name).join(", ");
+            *named.ok_or_else(|| lens.expected(format!("one of {names}")))?
+        }
+    };
+    match balanced {
+        Some(radius) if found != displacing => {
+            Err(radius.unexpected("balanced_radius_mm", "it with lens = \"displacing\" alone"))
+        }
+        _ => Ok(found),
+    }
 }
 
 fn read_lens(keys: Keys<'_>, camera: &mut CameraFile) -> Result<(), FileError> {
@@ -183,11 +224,15 @@ mod tests {
             radial: [1.5e-4, -4e-7, 2e-10],
             tangential: [1e-5, -2e-5],
             affinity: [1e-4, -5e-5],
+            direction: LensDirection::Displacing {
+                balanced_radius_mm: 13.488,
+            },
             known_sigmas: std::array::from_fn(|i| (i != 5).then_some(1e-3 / (i + 1) as f64)),
         };
         let bare = CameraFile {
             pixel_pitch_mm: None,
             principal_distance_mm: None,
+            direction: Default::default(),
             known_sigmas: [None; 10],
             ..full.clone()
         };
@@ -220,7 +265,7 @@ mod tests {
     #[test]
     fn bad_files_are_answered_in_one_line() {
         let keys = "name, width_px, height_px, pixel_pitch_mm, principal_distance_mm, principal_point_mm, radial, tangential, affinity, \
-             sigma_principal_distance_mm, sigma_principal_point_mm, sigma_radial, sigma_tangential, sigma_affinity";
+             lens, balanced_radius_mm, sigma_principal_distance_mm, sigma_principal_point_mm, sigma_radial, sigma_tangential, sigma_affinity";
         let unknown =
             format!("c.toml, line 4, column 1: found the key 'pitch_mm', expected one of {keys}");
         for (text, line) in [
@@ -250,6 +295,14 @@ mod tests {
                 "c.toml, line 2, column 12: found 'width_px = -10', expected a whole number from 1 to 100000",
             ),
             ("@pitch_mm = 0.01", &unknown),
+            (
+                "@lens = 'wide'",
+                "c.toml, line 4, column 8: found 'lens = 'wide'', expected one of correcting, correcting_affinity_first, displacing, displacing_affinity_last",
+            ),
+            (
+                "@balanced_radius_mm = 8",
+                "c.toml, line 4, column 22: found balanced_radius_mm, expected it with lens = \"displacing\" alone",
+            ),
             (
                 "@pixel_pitch_mm = 5.5",
                 "c.toml, line 4, column 18: found 'pixel_pitch_mm = 5.5', expected a number from 0.0001 to 1 (mm)",

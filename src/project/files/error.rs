@@ -131,6 +131,14 @@ pub(super) fn read_with<T>(
     }
 }
 
+/// The text of a file.
+///
+/// # Errors
+/// [`FileError`] where it cannot be read, or is no text.
+pub(in crate::project) fn read_text(path: &Path) -> Result<String, FileError> {
+    read_with(path, |_, text| Ok(text.to_owned()))
+}
+
 /// The text of a file's bytes.
 fn text<'a>(file: &str, bytes: &'a [u8]) -> Result<&'a str, FileError> {
     if bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]) {

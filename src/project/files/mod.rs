@@ -22,6 +22,7 @@ pub use control::{
     control_csv, parse_control, parse_reference, read_control, read_reference, reference_csv,
 };
 pub use cross::{cross_csv, parse_cross, read_cross};
+pub(super) use error::read_text;
 pub use error::{FileError, Place, Problem};
 pub use targets::{parse_targets, read_targets, targets_toml};
 

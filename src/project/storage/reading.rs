@@ -255,6 +255,7 @@ impl Reader<'_> {
             cameras: Arc::default(),
             images: Arc::default(),
             points: Arc::default(),
+            names: self.newer_part(rows, "names"),
             device: self.part(rows, "device"),
             scale_bars: self.part(rows, "scale_bars"),
             control: self.part(rows, "control"),

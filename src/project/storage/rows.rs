@@ -219,6 +219,7 @@ impl Changes {
             cameras: _,
             images: _,
             points: _,
+            names,
             device,
             scale_bars,
             control,
@@ -233,6 +234,7 @@ impl Changes {
             next_target,
         } = network;
         self.shared("settings", saved.map(|n| &n.settings), settings)?;
+        self.shared("names", saved.map(|n| &n.names), names)?;
         self.shared("device", saved.map(|n| &n.device), device)?;
         self.shared("scale_bars", saved.map(|n| &n.scale_bars), scale_bars)?;
         self.shared("control", saved.map(|n| &n.control), control)?;

@@ -52,6 +52,7 @@ fn scene() -> &'static Scene {
             nominal: experiment.camera.clone(),
             camera: experiment.camera.clone(),
             known_sigmas: [None; 10],
+            parameters: Default::default(),
             source: InteriorSource::CameraFile,
             exif_model: None,
         };

@@ -61,7 +61,7 @@ pub(super) struct SceneStation {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct SceneBar {
     pub(super) middle: DVec3,
-    /// Name and known length.
+    /// Name and the length that it should have.
     pub(super) text: String,
 }
 
@@ -81,6 +81,8 @@ impl Basis {
             && Arc::ptr_eq(&own.cameras, &network.cameras)
             && Arc::ptr_eq(&own.scale_bars, &network.scale_bars)
             && Arc::ptr_eq(&own.device, &network.device)
+            && Arc::ptr_eq(&own.names, &network.names)
+            && Arc::ptr_eq(&own.settings, &network.settings)
             && Arc::ptr_eq(&own.control, &network.control)
             && Arc::ptr_eq(&own.connection_order, &network.connection_order)
             && self.options == *options

@@ -57,6 +57,7 @@ pub(super) fn ring_network(stations: u32, points: u32) -> Network {
         nominal: camera.clone(),
         camera,
         known_sigmas: [None; 10],
+        parameters: Default::default(),
         source: InteriorSource::CameraFile,
         exif_model: None,
     };

@@ -3,7 +3,7 @@
 use egui::{Align, Button, CollapsingHeader, DragValue, ProgressBar, RichText, ScrollArea, Ui};
 
 use super::facts::mark;
-use crate::network::{DevicePose, MeasurementSettings, Network, Outcome, Stage};
+use crate::network::{DevicePose, GrossErrors, MeasurementSettings, Network, Outcome, Stage};
 use crate::project::edit::Edit;
 use crate::targets::Family;
 use crate::ui::action::{Action, RunRequest};
@@ -119,6 +119,14 @@ impl StagesPanel {
                 .speed(0.02)
                 .suffix(" sigma"),
         );
+        ui.horizontal_wrapped(|ui| {
+            ui.label("Gross errors").on_hover_text(
+                "What another program has left in its network may all be kept; nothing is rejected then.",
+            );
+            let present = &mut draft.gross_errors;
+            ui.radio_value(present, GrossErrors::Reject, "reject");
+            ui.radio_value(present, GrossErrors::Keep, "keep");
+        });
         number(
             ui,
             "Seed of random samples",

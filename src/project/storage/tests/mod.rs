@@ -83,6 +83,11 @@ fn network(images: u32, mut next: impl FnMut() -> f64) -> Network {
             None,
             None,
         ],
+        parameters: std::array::from_fn(|index| match index % 3 {
+            0 => LensParameter::Automatic,
+            1 => LensParameter::Free,
+            _ => LensParameter::Held,
+        }),
         source: InteriorSource::Exif,
         exif_model: Some("X'); DROP TABLE images; --".into()),
     };
@@ -105,6 +110,7 @@ fn network(images: u32, mut next: impl FnMut() -> f64) -> Network {
         (id, Arc::new(point))
     });
     n.points = Arc::new(points.into());
+    n.names = Arc::new([(7, "1001 \"é\"".to_owned())].into());
     n.device = Arc::new(vec![DevicePoint {
         label: "X1".into(),
         position_mm: [next(), next(), next()],
