@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector, Matrix4, Rotation3, SMatrix, Vector3};
 
 use super::equations::State;
 use super::error::DatumMotion;
-use super::layout::{Layout, PointRole};
+use super::layout::Layout;
 use super::{AdjustmentError, BundleProblem, Datum};
 use crate::geometry::{Similarity, skew};
 
@@ -15,12 +15,22 @@ const HINDERED: f64 = 1e-10;
 /// Datum points whose normalised constraint matrix has an eigenvalue below this lie on a line (within some 1e-5).
 const FLAT: f64 = 1e-10;
 
+/// Known coordinates that a finite motion takes less than this part of the network's size from their places have not moved.
+const STILL: f64 = 1e-11;
+
 /// The motions of the whole network that no observation notices: `dX = t + (r x (X - c) + s (X - c)) / L`.
 pub(super) struct FreeMotions {
     centre: Vector3<f64>,
     length: f64,
     /// 7 x d: each column is one free motion (t, r, s), orthonormal.
     basis: DMatrix<f64>,
+}
+
+/// A known coordinate with its derivative by the seven motions (t, r, s).
+struct KnownCoordinate {
+    point: usize,
+    axis: usize,
+    by_motion: SMatrix<f64, 1, 7>,
 }
 
 impl FreeMotions {
@@ -39,13 +49,8 @@ impl FreeMotions {
                 hindered += row.transpose() * row / (norm * norm);
             }
         };
-        for frame in &layout.frames {
-            let rows = free.candidates(&state.points[frame.point]);
-            for axis in 0..3 {
-                if problem.points[frame.point].prior[axis].is_some() {
-                    hinder(rows.row(axis).into_owned());
-                }
-            }
+        for known in free.known_coordinates(problem, layout, state) {
+            hinder(known.by_motion);
         }
         if layout.distance_used.contains(&true) {
             // Only the scale changes a distance.
@@ -59,6 +64,62 @@ impl FreeMotions {
             .collect();
         free.basis = DMatrix::from_fn(7, null.len(), |i, k| eigen.eigenvectors[(i, null[k])]);
         free
+    }
+
+    /// All known coordinates that take part, by points and axes.
+    fn known_coordinates(
+        &self,
+        problem: &BundleProblem,
+        layout: &Layout,
+        state: &State,
+    ) -> Vec<KnownCoordinate> {
+        let of_point = |point: usize| {
+            let rows = self.candidates(&state.points[point]);
+            let known = (0..3).filter(move |&axis| problem.points[point].prior[axis].is_some());
+            known.map(move |axis| KnownCoordinate {
+                point,
+                axis,
+                by_motion: rows.row(axis).into_owned(),
+            })
+        };
+        let points = layout.frames.iter().map(|frame| frame.point);
+        points.flat_map(of_point).collect()
+    }
+
+    /// The motion that brings known coordinates back to where they were `before`; `None` where they are.
+    ///
+    /// Single known coordinates leave motions along curves free (a turn, if one coordinate of a point is known), which finite
+    /// motions follow at first order only.
+    fn back_to_known(
+        &self,
+        problem: &BundleProblem,
+        layout: &Layout,
+        state: &State,
+        before: &[Vector3<f64>],
+    ) -> Option<Similarity> {
+        let mut normal = SMatrix::<f64, 7, 7>::zeros();
+        let mut right_side = SMatrix::<f64, 7, 1>::zeros();
+        let mut farthest = 0.0_f64;
+        for known in self.known_coordinates(problem, layout, state) {
+            let KnownCoordinate { point, axis, .. } = known;
+            let moved = before[point][axis] - state.points[point][axis];
+            let by_motion = known.by_motion.transpose();
+            normal += by_motion * by_motion.transpose();
+            right_side += by_motion * moved;
+            farthest = farthest.max(moved.abs());
+        }
+        if farthest <= STILL * self.length {
+            return None;
+        }
+        if layout.distance_used.contains(&true) {
+            normal[(6, 6)] += 1.0;
+        }
+        let amount = normal.pseudo_inverse(HINDERED).ok()? * right_side;
+        let all = Self {
+            basis: DMatrix::identity(7, 7),
+            ..*self
+        };
+        Some(all.similarity(&DVector::from_column_slice(amount.as_slice())))
     }
 
     /// The rank defect of the network's datum.
@@ -132,10 +193,13 @@ impl FreeMotions {
             rows.rows_mut(6 * s, 6)
                 .copy_from(&(candidates * &self.basis));
         }
-        for (point, role) in layout.roles.iter().enumerate() {
-            if let PointRole::Kept { start } = role {
-                rows.rows_mut(*start, 3)
-                    .copy_from(&self.point_rows(&state.points[point]));
+        for (point, position) in state.points.iter().enumerate() {
+            let mut own = layout.kept_coordinates(point).peekable();
+            if own.peek().is_some() {
+                let of_point = self.point_rows(position);
+                for (axis, at) in own {
+                    rows.set_row(at, &of_point.row(axis));
+                }
             }
         }
         rows
@@ -211,10 +275,11 @@ pub(super) fn move_onto_datum(
     const ITERATIONS: usize = 50;
     /// The fit ends when its last move was below this part of the network's size: rounding.
     const NEGLIGIBLE: f64 = 1e-14;
+    let before = state.points.clone();
     for _ in 0..ITERATIONS {
         let free = FreeMotions::of(problem, layout, state);
         if free.defect() == 0 || problem.datum == Datum::Control {
-            return Ok(());
+            break;
         }
         let h = free.s_transformation(layout, state)?;
         let mut amount = DVector::zeros(free.defect());
@@ -222,10 +287,15 @@ pub(super) fn move_onto_datum(
             amount += h * (reference[p] - state.points[p]);
         }
         apply(&free.similarity(&amount), state);
-        if amount.norm() < NEGLIGIBLE * free.length {
-            return Ok(());
+        let back = free.back_to_known(problem, layout, state, &before);
+        if let Some(back) = &back {
+            apply(back, state);
+        }
+        if amount.norm() < NEGLIGIBLE * free.length && back.is_none() {
+            break;
         }
     }
+    state.hold_fixed(problem);
     Ok(())
 }
 

@@ -30,18 +30,18 @@ pub(super) fn dense_design(
                 for (k, &p) in layout.camera_free[0].iter().enumerate() {
                     row[layout.camera_start[0] + k] = e.by_camera[(axis, p)] / o.sigma_px;
                 }
-                for k in 0..3 {
-                    row[start_of(frame.point) + k] = e.by_point[(axis, k)] / o.sigma_px;
+                for (k, &of) in layout.unknown_axes[frame.point].iter().enumerate() {
+                    row[start_of(frame.point) + k] = e.by_point[(axis, of)] / o.sigma_px;
                 }
                 rows.push(row);
             }
         }
-        for axis in 0..3 {
-            if let Some(prior) = problem.points[frame.point].prior[axis] {
-                let mut row = DVector::zeros(unknowns);
-                row[start_of(frame.point) + axis] = 1.0 / prior.sigma;
-                rows.push(row);
-            }
+        for (axis, _, sigma) in problem.points[frame.point].weighted_coordinates() {
+            let axes = &layout.unknown_axes[frame.point];
+            let k = axes.iter().position(|a| *a == axis).unwrap();
+            let mut row = DVector::zeros(unknowns);
+            row[start_of(frame.point) + k] = 1.0 / sigma;
+            rows.push(row);
         }
     }
     for (d, e) in problem.distances.iter().zip(&equations.distances) {
@@ -66,7 +66,7 @@ pub(super) fn point_start(layout: &Layout, point: usize) -> usize {
         return start;
     }
     let before = (0..point).filter(|&p| layout.roles[p] == PointRole::Eliminated);
-    layout.kept + 3 * before.count()
+    layout.kept + before.map(|p| layout.unknown_axes[p].len()).sum::<usize>()
 }
 
 /// The constraint rows of the datum points, written down anew: shifts, turns and (with seven) the scale.
@@ -84,6 +84,7 @@ pub(super) fn dense_constraints(
         / n;
     let mut g = DMatrix::zeros(layout.unknowns(), d);
     for &p in points {
+        // All three coordinates are unknowns.
         let start = point_start(layout, p);
         let x = (state.points[p] - centre) / 100.0;
         for axis in 0..3 {
@@ -128,7 +129,7 @@ pub(super) fn bordered_cofactor(a: &DMatrix<f64>, g: &DMatrix<f64>) -> DMatrix<f
 }
 
 /// Compares every delivered covariance and redundancy number with dense algebra.
-fn agrees_with_dense_algebra(problem: &BundleProblem, defect: usize) {
+pub(super) fn agrees_with_dense_algebra(problem: &BundleProblem, defect: usize) {
     let adjustment = solve(problem).unwrap();
     assert_eq!(adjustment.datum_defect, defect);
     let state = State::of(&adjustment);
@@ -160,11 +161,21 @@ fn agrees_with_dense_algebra(problem: &BundleProblem, defect: usize) {
     }
     for (p, point) in adjustment.points.iter().enumerate() {
         let c = point.covariance.unwrap();
+        let axes = &layout.unknown_axes[p];
         same(
-            DMatrix::from_fn(3, 3, |i, j| c[(i, j)]),
+            DMatrix::from_fn(axes.len(), axes.len(), |i, j| c[(axes[i], axes[j])]),
             point_start(&layout, p),
             "point",
         );
+        for (axis, value) in problem.points[p].fixed_coordinates() {
+            assert_eq!(point.position[axis], value);
+            assert!(
+                c.row(axis)
+                    .iter()
+                    .chain(c.column(axis).iter())
+                    .all(|c| *c == 0.0)
+            );
+        }
     }
     let free = &layout.camera_free[0];
     let camera = &adjustment.cameras[0].covariance;
@@ -187,7 +198,7 @@ fn agrees_with_dense_algebra(problem: &BundleProblem, defect: usize) {
                 row += 1;
             }
         }
-        row += problem.points[frame.point].known_coordinates();
+        row += problem.points[frame.point].weighted_coordinates().count();
     }
     for d in adjustment.distances.iter().flatten() {
         assert!((d.redundancy - (1.0 - hat[(row, row)])).abs() < 1e-8);

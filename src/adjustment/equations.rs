@@ -40,6 +40,15 @@ impl State {
             circles: adjustment.points.iter().map(|p| p.circle).collect(),
         }
     }
+
+    /// Gives fixed coordinates their values.
+    pub(super) fn hold_fixed(&mut self, problem: &BundleProblem) {
+        for (point, block) in self.points.iter_mut().zip(&problem.points) {
+            for (axis, value) in block.fixed_coordinates() {
+                point[axis] = value;
+            }
+        }
+    }
 }
 
 /// An image observation at the present state, in px: `v` and its derivatives by the station's turn (camera frame, rad)

@@ -408,16 +408,17 @@ fn in_datum(
             continue;
         };
         let mut shift = Vector3::zeros();
-        match (normal, frame.own_at) {
-            (Some(normal), _) => {
+        match normal {
+            Some(normal) => {
                 for (y, &i) in normal.coupling.iter().zip(&frame.index) {
                     shift -= normal.inverse * y * motion[i];
                 }
             }
-            (None, Some(own)) => {
-                shift = Vector3::from_fn(|k, _| motion[frame.index[own + k]]);
+            None => {
+                for (axis, own) in layout.kept_coordinates(frame.point) {
+                    shift[axis] = motion[own];
+                }
             }
-            (None, None) => {}
         }
         amount += &h[at] * shift;
     }

@@ -3,16 +3,18 @@
 
 use super::error::{ParameterName, ProblemPart, StationComponent};
 use super::structure::{Structure, spread_stations};
-use super::{AdjustmentError, BundleProblem, ParameterState};
+use super::{AdjustmentError, BundleProblem, CoordinatePrior, ParameterState, PointBlock};
 
 /// The part a point takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum PointRole {
     /// None: it has no used observation.
     Absent,
-    /// Three unknowns that are eliminated.
+    /// Its rays only: it has no unknowns.
+    Fixed,
+    /// Its unknowns are eliminated.
     Eliminated,
-    /// Three unknowns of the reduced system (an end of a distance), from this index on.
+    /// Its unknowns belong to the reduced system (an end of a distance), from this index on.
     Kept { start: usize },
 }
 
@@ -45,12 +47,14 @@ pub(super) struct PointFrame {
 /// The order of the unknowns.
 #[derive(Clone, Debug)]
 pub(super) struct Layout {
-    /// Size of the reduced system: 6 a station, the estimated camera parameters, 3 a kept point.
+    /// Size of the reduced system: 6 a station, the estimated camera parameters, the unknown coordinates of kept points.
     pub(super) kept: usize,
     pub(super) camera_start: Vec<usize>,
     /// Per camera, the interior parameters that are estimated.
     pub(super) camera_free: Vec<Vec<usize>>,
     pub(super) roles: Vec<PointRole>,
+    /// By point, the axes of the coordinates that are unknowns, rising; the others are fixed.
+    pub(super) unknown_axes: Vec<Vec<usize>>,
     pub(super) distance_used: Vec<bool>,
     pub(super) frames: Vec<PointFrame>,
     /// Observations that take part.
@@ -93,21 +97,25 @@ impl Layout {
             kept += free.len();
             camera_free.push(free);
         }
+        let unknown_axes: Vec<Vec<usize>> = problem
+            .points
+            .iter()
+            .map(PointBlock::unknown_axes)
+            .collect();
         let mut roles: Vec<PointRole> = present
             .iter()
-            .map(|p| {
-                if *p {
-                    PointRole::Eliminated
-                } else {
-                    PointRole::Absent
-                }
+            .zip(&unknown_axes)
+            .map(|(present, axes)| match (present, axes.is_empty()) {
+                (false, _) => PointRole::Absent,
+                (true, true) => PointRole::Fixed,
+                (true, false) => PointRole::Eliminated,
             })
             .collect();
         let ends = problem.distances.iter().zip(&distance_used);
         for end in ends.filter(|d| *d.1).flat_map(|d| [d.0.from, d.0.to]) {
             if roles[end] == PointRole::Eliminated {
                 roles[end] = PointRole::Kept { start: kept };
-                kept += 3;
+                kept += unknown_axes[end].len();
             }
         }
         let datum_points = match &problem.datum {
@@ -140,6 +148,7 @@ impl Layout {
             camera_start,
             camera_free,
             roles,
+            unknown_axes,
             distance_used,
             frames: Vec::new(),
             used,
@@ -176,14 +185,23 @@ impl Layout {
         self.roles[point] != PointRole::Absent
     }
 
-    /// All unknowns, eliminated points included.
+    /// All unknowns, those of eliminated points included.
     pub(super) fn unknowns(&self) -> usize {
-        let eliminated = self
-            .roles
-            .iter()
-            .filter(|r| **r == PointRole::Eliminated)
-            .count();
-        self.kept + 3 * eliminated
+        let points = self.roles.iter().zip(&self.unknown_axes);
+        let eliminated = points.filter(|(role, _)| **role == PointRole::Eliminated);
+        self.kept + eliminated.map(|(_, axes)| axes.len()).sum::<usize>()
+    }
+
+    /// Axis and place in the reduced system of the unknown coordinates of a kept point; none of any other.
+    pub(super) fn kept_coordinates(&self, point: usize) -> impl Iterator<Item = (usize, usize)> {
+        let start = match self.roles[point] {
+            PointRole::Kept { start } => Some(start),
+            _ => None,
+        };
+        let axes = self.unknown_axes[point].iter().enumerate();
+        start
+            .into_iter()
+            .flat_map(move |start| axes.clone().map(move |(k, &axis)| (axis, start + k)))
     }
 
     /// The name of an unknown of the reduced system.
@@ -203,9 +221,8 @@ impl Layout {
                 };
             }
         }
-        let point = self.roles.iter().position(
-            |r| matches!(r, PointRole::Kept { start } if index < start + 3 && index >= *start),
-        );
+        let holds = |&point: &usize| self.kept_coordinates(point).any(|(_, own)| own == index);
+        let point = (0..self.roles.len()).find(holds);
         ParameterName::Point {
             index: point.unwrap_or(usize::MAX),
         }
@@ -245,13 +262,8 @@ impl Layout {
             let start = self.camera_start[camera];
             index.extend(start..start + self.camera_free[camera].len());
         }
-        let own_at = match self.roles[point] {
-            PointRole::Kept { start } => {
-                index.extend(start..start + 3);
-                Some(index.len() - 3)
-            }
-            _ => None,
-        };
+        let own_at = matches!(self.roles[point], PointRole::Kept { .. }).then_some(index.len());
+        index.extend(self.kept_coordinates(point).map(|(_, own)| own));
         let mut rays: Vec<Ray> = observations
             .iter()
             .map(|o| Ray {
@@ -311,11 +323,10 @@ fn check_input(problem: &BundleProblem) -> Result<(), AdjustmentError> {
         )?;
     }
     for (i, p) in problem.points.iter().enumerate() {
-        let priors = p
-            .prior
-            .iter()
-            .flatten()
-            .all(|c| c.value.is_finite() && positive(c.sigma));
+        let priors = p.prior.iter().flatten().all(|c| match *c {
+            CoordinatePrior::Fixed { value } => value.is_finite(),
+            CoordinatePrior::Weighted { value, sigma } => value.is_finite() && positive(sigma),
+        });
         check(
             ProblemPart::Point,
             i,

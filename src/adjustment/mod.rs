@@ -3,7 +3,8 @@
 //! The observation equation of an image point is the collinearity condition in the *measured* image (Brown, 1971 with
 //! the corrections inverted): `pixel + v = project(M (X - X0); interior)`, so that residuals are what the measurement
 //! erred by. Where the circle of a target is known, `project` gives the centre of the circle's image
-//! ([`crate::camera::Camera::image_of_target`]), which is what is measured. Distances (`|X_to - X_from|`), known coordinates and known camera parameters are weighted observations.
+//! ([`crate::camera::Camera::image_of_target`]), which is what is measured. Distances (`|X_to - X_from|`), known coordinates and known camera parameters are weighted observations;
+//! coordinates and parameters that are fixed are constants, neither observed nor unknown.
 //!
 //! - **Normal equations.** Points are eliminated 3 x 3 at a time (Brown, 1958), which leaves a dense system of six
 //!   unknowns a station, the camera parameters and the ends of distances; Cholesky factors it, scaled to unit diagonal.
@@ -51,6 +52,8 @@ mod structure;
 mod circle_tests;
 #[cfg(test)]
 mod dense;
+#[cfg(test)]
+mod fixed_tests;
 #[cfg(test)]
 mod frame_tests;
 #[cfg(test)]

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::block_matrix::BlockMatrix;
 use super::equations::{Equations, State};
-use super::layout::{Layout, PointFrame, Ray};
+use super::layout::{Layout, PointFrame, PointRole, Ray};
 use super::{AdjustmentError, BundleProblem, ParameterName, ParameterState};
 
 /// A pivot below this part of the unknown's own normal matrix diagonal is rounding: the unknown is not determined.
@@ -21,7 +21,7 @@ pub(super) const PIVOT_FLOOR: f64 = 1e-13;
 #[derive(Clone, Debug)]
 pub(super) struct Coupling([Vec<f64>; 3]);
 
-/// An eliminated point: `V^-1`, its right side, and its coupling.
+/// An eliminated point: `V^-1` (zero in rows and columns of fixed coordinates), its right side, and its coupling.
 #[derive(Clone, Debug)]
 pub(super) struct PointNormal {
     pub(super) coupling: Coupling,
@@ -56,13 +56,14 @@ pub(super) struct Normals {
     pub(super) right_side: DVector<f64>,
     /// Diagonal before the points were eliminated: the measure of what rounding is.
     pub(super) unreduced_diagonal: DVector<f64>,
-    /// By frame; `None` for kept points.
+    /// By frame; `None` for kept points and for fixed ones.
     pub(super) points: Vec<Option<PointNormal>>,
 }
 
 /// What a point is by itself.
 enum Looked {
-    Kept,
+    /// Nothing of it is eliminated.
+    Whole,
     Eliminated(PointNormal),
     /// Its rays do not intersect.
     Loose,
@@ -100,6 +101,8 @@ pub(super) struct RayRows<'a> {
     by_camera: SMatrix<f64, 2, 10>,
     /// The parameters of the camera that are estimated.
     camera_free: &'a [usize],
+    /// By point, the axes of its unknown coordinates.
+    unknown_axes: &'a [Vec<usize>],
     pub(super) by_point: SMatrix<f64, 2, 3>,
 }
 
@@ -143,7 +146,7 @@ impl Normals {
         let mut points = Vec::with_capacity(looked.len());
         for (frame, looked) in layout.frames.iter().zip(looked) {
             points.push(match looked {
-                Looked::Kept => None,
+                Looked::Whole => None,
                 Looked::Eliminated(normal) => Some(normal),
                 Looked::Loose => {
                     loose.push(ParameterName::Point { index: frame.point });
@@ -290,13 +293,8 @@ pub(super) fn distance_row(
     equation: &super::equations::DistanceEquation,
 ) -> Vec<(usize, f64)> {
     let end = |point: usize, sign: f64| {
-        let start = match layout.roles[point] {
-            super::layout::PointRole::Kept { start } => Some(start),
-            _ => None,
-        };
-        start
-            .into_iter()
-            .flat_map(move |s| (0..3).map(move |axis| (s + axis, sign * equation.by_to[axis])))
+        let own = layout.kept_coordinates(point);
+        own.map(move |(axis, at)| (at, sign * equation.by_to[axis]))
     };
     end(distance.from, -1.0)
         .chain(end(distance.to, 1.0))
@@ -315,13 +313,14 @@ pub(super) fn whitened_rows<'a>(
         by_station: equation.by_station * root,
         by_camera: equation.by_camera * root,
         camera_free: &layout.camera_free[ray.camera],
+        unknown_axes: &layout.unknown_axes,
         by_point: equation.by_point * root,
     }
 }
 
 impl RayRows<'_> {
     /// Those of all kept unknowns of this ray, by rising places.
-    pub(super) fn kept(&self, ray: &Ray, own_at: Option<usize>) -> KeptRows {
+    pub(super) fn kept(&self, ray: &Ray, frame: &PointFrame) -> KeptRows {
         let mut kept = KeptRows {
             rows: [(0, Vector2::zeros()); 19],
             count: 0,
@@ -337,11 +336,10 @@ impl RayRows<'_> {
             let by = self.by_camera.column(parameter);
             push(ray.camera_at + k, by.into_owned());
         }
-        for (own, k) in own_at
-            .into_iter()
-            .flat_map(|own| (0..3).map(move |k| (own, k)))
-        {
-            push(own + k, self.by_point.column(k).into_owned());
+        if let Some(own) = frame.own_at {
+            for (k, &axis) in self.unknown_axes[frame.point].iter().enumerate() {
+                push(own + k, self.by_point.column(axis).into_owned());
+            }
         }
         kept
     }
@@ -350,8 +348,8 @@ impl RayRows<'_> {
 impl System<'_> {
     /// The normal equations of a point by itself.
     fn look_at(&self, frame: &PointFrame) -> Looked {
-        if frame.own_at.is_some() {
-            return Looked::Kept;
+        if self.layout.roles[frame.point] != PointRole::Eliminated {
+            return Looked::Whole;
         }
         let mut coupling = Coupling::zeros(frame.index.len());
         let mut own = Matrix3::zeros();
@@ -361,7 +359,7 @@ impl System<'_> {
                 continue;
             };
             let by_point = rows.by_point.transpose();
-            for &(a, by_a) in rows.kept(ray, None).iter() {
+            for &(a, by_a) in rows.kept(ray, frame).iter() {
                 coupling.add(a, &(by_point * by_a));
             }
             own += by_point * rows.by_point;
@@ -374,7 +372,7 @@ impl System<'_> {
         for axis in 0..3 {
             own[(axis, axis)] *= 1.0 + self.damping;
         }
-        match inverse_of_point(&own) {
+        match inverse_of_point(&own, &self.layout.unknown_axes[frame.point]) {
             Some(inverse) => Looked::Eliminated(PointNormal {
                 coupling,
                 inverse,
@@ -392,15 +390,13 @@ impl System<'_> {
         Some((rows, equation.residual * weight.sqrt()))
     }
 
-    /// Axis, weight and right side of the known coordinates of a point.
+    /// Axis, weight and right side of the observed coordinates of a point.
     fn priors(&self, frame: &PointFrame) -> impl Iterator<Item = (usize, f64, f64)> {
         let position = self.state.points[frame.point];
-        let priors = self.problem.points[frame.point].prior.iter().enumerate();
-        priors.filter_map(move |(axis, prior)| {
-            let prior = prior.as_ref()?;
-            let weight = prior.sigma.powi(-2);
-            let right = -weight * (position[axis] - prior.value);
-            Some((axis, weight, right))
+        let priors = self.problem.points[frame.point].weighted_coordinates();
+        priors.map(move |(axis, value, sigma)| {
+            let weight = sigma.powi(-2);
+            (axis, weight, -weight * (position[axis] - value))
         })
     }
 }
@@ -441,10 +437,12 @@ impl BlockColumns<'_> {
             self.add_ray(system, frame, place, ray, row_of_place);
         }
         if frame.own_at == Some(place) {
+            let axes = &system.layout.unknown_axes[frame.point];
             for (axis, weight, right) in system.priors(frame) {
-                self.values[axis * self.height + axis] += weight;
-                self.diagonal[axis] += weight;
-                self.right_side[axis] += right;
+                let own = axes.partition_point(|&before| before < axis);
+                self.values[own * self.height + own] += weight;
+                self.diagonal[own] += weight;
+                self.right_side[own] += right;
             }
         }
         if let Some(normal) = normal {
@@ -470,7 +468,7 @@ impl BlockColumns<'_> {
         let Some((rows, residual)) = system.rows(ray) else {
             return;
         };
-        let kept = rows.kept(ray, frame.own_at);
+        let kept = rows.kept(ray, frame);
         for (k, &(a, by_a)) in kept.iter().enumerate() {
             if !(place..place + self.width).contains(&a) {
                 continue;
@@ -533,8 +531,30 @@ impl NullaryFnOnce for Elimination<'_, '_> {
     }
 }
 
-/// The inverse of a point's normal matrix; `None` where its rays do not intersect.
-fn inverse_of_point(own: &Matrix3<f64>) -> Option<Matrix3<f64>> {
+/// The inverse of a point's normal matrix of its unknown coordinates, zero in the rows and columns of the fixed ones; `None`
+/// where its rays do not intersect.
+fn inverse_of_point(own: &Matrix3<f64>, unknown_axes: &[usize]) -> Option<Matrix3<f64>> {
+    if unknown_axes.len() == 3 {
+        return inverse_of_whole(own);
+    }
+    // With the identity in the place of the fixed coordinates the inverse of the others is that of their own matrix.
+    let mut bordered = Matrix3::identity();
+    for &i in unknown_axes {
+        for &j in unknown_axes {
+            bordered[(i, j)] = own[(i, j)];
+        }
+    }
+    let whole = inverse_of_whole(&bordered)?;
+    let mut inverse = Matrix3::zeros();
+    for &i in unknown_axes {
+        for &j in unknown_axes {
+            inverse[(i, j)] = whole[(i, j)];
+        }
+    }
+    Some(inverse)
+}
+
+fn inverse_of_whole(own: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     let cholesky = Cholesky::new(*own)?;
     let l = cholesky.l_dirty();
     let regular = (0..3).all(|k| l[(k, k)] * l[(k, k)] > 0.1 * PIVOT_FLOOR * own[(k, k)]);

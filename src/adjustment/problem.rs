@@ -42,13 +42,21 @@ pub struct StationBlock {
     pub pose: Pose,
 }
 
-/// A coordinate that is known beforehand (weighted control).
+/// A coordinate that is known beforehand (control).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CoordinatePrior {
-    /// The known coordinate, mm.
-    pub value: f64,
-    /// Its standard deviation, > 0, mm.
-    pub sigma: f64,
+pub enum CoordinatePrior {
+    /// It has this value, whatever its start: neither an unknown nor an observation; its variance is zero.
+    Fixed {
+        /// The coordinate, mm.
+        value: f64,
+    },
+    /// The known value is one more observation.
+    Weighted {
+        /// The known coordinate, mm.
+        value: f64,
+        /// Its standard deviation, > 0, mm.
+        sigma: f64,
+    },
 }
 
 /// An object point.
@@ -78,7 +86,7 @@ impl PointBlock {
     #[must_use]
     pub fn control(position: Vector3<f64>, sigma: Vector3<f64>) -> Self {
         let known = |axis: usize| {
-            Some(CoordinatePrior {
+            Some(CoordinatePrior::Weighted {
                 value: position[axis],
                 sigma: sigma[axis],
             })
@@ -89,8 +97,46 @@ impl PointBlock {
         }
     }
 
+    /// A control point that stays where it is.
+    #[must_use]
+    pub fn fixed(position: Vector3<f64>) -> Self {
+        let fixed = |axis: usize| {
+            Some(CoordinatePrior::Fixed {
+                value: position[axis],
+            })
+        };
+        Self {
+            prior: [fixed(0), fixed(1), fixed(2)],
+            ..Self::unknown(position)
+        }
+    }
+
     pub(super) fn known_coordinates(&self) -> usize {
         self.prior.iter().flatten().count()
+    }
+
+    /// Axes and values of the coordinates that are no unknowns.
+    pub(super) fn fixed_coordinates(&self) -> impl Iterator<Item = (usize, f64)> {
+        let priors = self.prior.iter().enumerate();
+        priors.filter_map(|(axis, prior)| match prior {
+            Some(CoordinatePrior::Fixed { value }) => Some((axis, *value)),
+            _ => None,
+        })
+    }
+
+    /// Axes, values and standard deviations of the coordinates that are observed.
+    pub(super) fn weighted_coordinates(&self) -> impl Iterator<Item = (usize, f64, f64)> {
+        let priors = self.prior.iter().enumerate();
+        priors.filter_map(|(axis, prior)| match prior {
+            Some(CoordinatePrior::Weighted { value, sigma }) => Some((axis, *value, *sigma)),
+            _ => None,
+        })
+    }
+
+    /// Axes of the coordinates that are unknowns.
+    pub(super) fn unknown_axes(&self) -> Vec<usize> {
+        let fixed: Vec<usize> = self.fixed_coordinates().map(|(axis, _)| axis).collect();
+        (0..3).filter(|axis| !fixed.contains(axis)).collect()
     }
 }
 

@@ -33,7 +33,7 @@ pub struct AdjustedStation {
 pub struct AdjustedPoint {
     /// Coordinates, mm; for a point that did not take part its start value (moved with the datum).
     pub position: Vector3<f64>,
-    /// 3 x 3, mm^2, a-posteriori; `None` for a point that did not take part.
+    /// 3 x 3, mm^2, a-posteriori, zero for fixed coordinates; `None` for a point that did not take part.
     pub covariance: Option<Matrix3<f64>>,
     /// The circle about it as the problem gave it, moved with the datum and the frame.
     pub circle: Option<Circle>,
@@ -114,9 +114,9 @@ pub struct Adjustment {
     pub sigma0_px: f64,
     /// Rms residual per coordinate of the used image observations, px.
     pub rms_px: f64,
-    /// Observed numbers: two an image point, one a distance, known coordinate and known camera parameter.
+    /// Observed numbers: two an image point, one a distance, weighted coordinate and weighted camera parameter.
     pub observation_count: usize,
-    /// Unknowns.
+    /// Unknowns; fixed coordinates and fixed camera parameters are none.
     pub unknown_count: usize,
     /// The motion from the datum's place into the frame by three points; `None` where none was asked for.
     pub motion: Option<Similarity>,

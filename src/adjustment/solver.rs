@@ -129,9 +129,10 @@ impl BundleSolver {
     pub(super) fn resume(
         problem: BundleProblem,
         settings: BundleSettings,
-        state: State,
+        mut state: State,
     ) -> Result<Self, AdjustmentError> {
         let layout = Layout::new(&problem)?;
+        state.hold_fixed(&problem);
         FreeMotions::of(&problem, &layout, &state).check(&problem, &layout, &state)?;
         let phase = match settings.robust_start {
             RobustStart::Off => Phase::LeastSquares,
@@ -479,7 +480,7 @@ impl BundleSolver {
     }
 }
 
-/// The weighted squares of distances, known coordinates and known camera parameters.
+/// The weighted squares of distances, weighted coordinates and known camera parameters.
 pub(super) fn other_squares(problem: &BundleProblem, layout: &Layout, state: &State) -> f64 {
     let mut sum = 0.0;
     for (d, _) in problem
@@ -492,10 +493,8 @@ pub(super) fn other_squares(problem: &BundleProblem, layout: &Layout, state: &St
         sum += (equation.residual / d.sigma_mm).powi(2);
     }
     for frame in &layout.frames {
-        for axis in 0..3 {
-            if let Some(prior) = problem.points[frame.point].prior[axis] {
-                sum += ((state.points[frame.point][axis] - prior.value) / prior.sigma).powi(2);
-            }
+        for (axis, value, sigma) in problem.points[frame.point].weighted_coordinates() {
+            sum += ((state.points[frame.point][axis] - value) / sigma).powi(2);
         }
     }
     for (block, camera) in problem.cameras.iter().zip(&state.cameras) {

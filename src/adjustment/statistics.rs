@@ -7,7 +7,7 @@ use super::datum::FreeMotions;
 use super::equations::{Equations, State};
 use super::factor::Factor;
 use super::frame::STransformation;
-use super::layout::{Layout, PointFrame, PointRole};
+use super::layout::{Layout, PointFrame};
 use super::normals::{Normals, distance_row, whitened_rows};
 use super::selected_inverse::SelectedInverse;
 use super::solver::other_squares;
@@ -89,7 +89,7 @@ pub(super) fn adjustment(
         stations: stations(problem, layout, state, &inverse, &transformation, variance),
         observations: image_statistics(problem, layout, equations, &points),
         distances: distance_statistics(problem, layout, equations, &inverse),
-        points: adjusted_points(layout, state, &points, variance),
+        points: adjusted_points(problem, layout, state, &points, variance),
         sigma0,
         sigma0_px: sigma0 * rms_sigma_px(problem, layout),
         rms_px: rms_px(layout, equations),
@@ -132,7 +132,7 @@ impl Counts {
         let coordinates: usize = layout
             .frames
             .iter()
-            .map(|f| problem.points[f.point].known_coordinates())
+            .map(|f| problem.points[f.point].weighted_coordinates().count())
             .sum();
         let interior = problem
             .cameras
@@ -181,9 +181,9 @@ impl Transformation {
                     }
                 }
                 None => {
-                    if let PointRole::Kept { start } = layout.roles[frame.point] {
-                        let mut rows = right_side.rows_mut(start, 3);
-                        rows += h.transpose();
+                    for (axis, at) in layout.kept_coordinates(frame.point) {
+                        let mut row = right_side.row_mut(at);
+                        row += h.column(axis).transpose();
                     }
                 }
             }
@@ -231,8 +231,8 @@ fn point_rows_of_c(
     kept: &DMatrix<f64>,
 ) -> DMatrix<f64> {
     let d = kept.ncols();
-    match (normal, layout.roles[frame.point]) {
-        (Some(normal), _) => {
+    match normal {
+        Some(normal) => {
             let mut right_side = h.map_or_else(|| DMatrix::zeros(3, d), DMatrix::transpose);
             for (y, &i) in normal.coupling.iter().zip(&frame.index) {
                 right_side -= y * kept.row(i);
@@ -240,8 +240,13 @@ fn point_rows_of_c(
             let rows = normal.inverse * right_side;
             DMatrix::from_column_slice(3, d, rows.as_slice())
         }
-        (None, PointRole::Kept { start }) => kept.rows(start, 3).into_owned(),
-        (None, _) => DMatrix::zeros(3, d),
+        None => {
+            let mut rows = DMatrix::zeros(3, d);
+            for (axis, at) in layout.kept_coordinates(frame.point) {
+                rows.set_row(axis, &kept.row(at));
+            }
+            rows
+        }
     }
 }
 
@@ -268,10 +273,16 @@ fn point_statistics(
             let own = normal.inverse - (reduced.transpose() * &cross).fixed_view::<3, 3>(0, 0);
             (cross, own)
         }
-        (None, Some(start)) => (
-            DMatrix::zeros(q, 3),
-            local.fixed_view::<3, 3>(start, start).into_owned(),
-        ),
+        (None, Some(start)) => {
+            let mut own = Matrix3::zeros();
+            let axes = &layout.unknown_axes[frame.point];
+            for (i, &row) in axes.iter().enumerate() {
+                for (j, &column) in axes.iter().enumerate() {
+                    own[(row, column)] = local[(start + i, start + j)];
+                }
+            }
+            (DMatrix::zeros(q, 3), own)
+        }
         (None, None) => (DMatrix::zeros(q, 3), Matrix3::zeros()),
     };
     let leverages = frame
@@ -280,7 +291,7 @@ fn point_statistics(
         .filter_map(|ray| {
             let equation = equations.rays[ray.observation].as_ref()?;
             let rows = whitened_rows(layout, ray, equation, 1.0);
-            let kept = rows.kept(ray, frame.own_at);
+            let kept = rows.kept(ray, frame);
             let mut variance = Vector2::zeros();
             for &(i, a) in kept.iter() {
                 for &(j, b) in kept.iter() {
@@ -368,6 +379,7 @@ fn stations(
 }
 
 fn adjusted_points(
+    problem: &BundleProblem,
     layout: &Layout,
     state: &State,
     statistics: &[PointStatistics],
@@ -386,7 +398,15 @@ fn adjusted_points(
         .collect();
     for (frame, statistics) in layout.frames.iter().zip(statistics) {
         let point = &mut points[frame.point];
-        point.covariance = Some(statistics.cofactor * variance);
+        let mut covariance = statistics.cofactor * variance;
+        // The free motions leave fixed coordinates alone up to rounding; a frame by three points moves them as well.
+        if problem.frame.is_none() {
+            for (axis, _) in problem.points[frame.point].fixed_coordinates() {
+                covariance.row_mut(axis).fill(0.0);
+                covariance.column_mut(axis).fill(0.0);
+            }
+        }
+        point.covariance = Some(covariance);
         point.rays = frame.rays.iter().filter(|r| r.used).count();
     }
     points

@@ -3,7 +3,7 @@
 use nalgebra::{DVector, Vector3};
 
 use super::equations::State;
-use super::layout::{Layout, PointRole};
+use super::layout::Layout;
 use super::normals::Normals;
 
 /// Corrections of all unknowns.
@@ -51,9 +51,9 @@ impl Step {
             }
             camera.interior = camera.interior.with_values(&interior);
         }
-        for (p, role) in layout.roles.iter().enumerate() {
-            if let PointRole::Kept { start } = *role {
-                state.points[p] += Vector3::new(kept[start], kept[start + 1], kept[start + 2]);
+        for (p, point) in state.points.iter_mut().enumerate() {
+            for (axis, at) in layout.kept_coordinates(p) {
+                point[axis] += kept[at];
             }
         }
         for (frame, step) in layout.frames.iter().zip(&self.points) {

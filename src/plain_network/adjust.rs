@@ -20,9 +20,6 @@ use crate::camera::{Camera, INTERIOR_NAMES, InteriorOrientation};
 use crate::monitor::Monitor;
 use crate::network::BarRole;
 
-/// Standard deviation of a fixed coordinate as a share of the extent of all known ones: far below what any observation tells.
-const FIXED_SHARE: f64 = 1e-9;
-
 /// How a network is adjusted.
 #[derive(Clone, Debug, Default)]
 pub struct PlainSettings {
@@ -90,6 +87,16 @@ impl PlainCamera {
                 sigma,
             },
         })
+    }
+}
+
+impl Known {
+    fn prior(self) -> CoordinatePrior {
+        let value = self.value_mm;
+        match self.sigma_mm {
+            Some(sigma) => CoordinatePrior::Weighted { value, sigma },
+            None => CoordinatePrior::Fixed { value },
+        }
     }
 }
 
@@ -232,16 +239,11 @@ impl PlainNetwork {
                 pose: starts.poses[image]?,
             })
         });
-        let fixed = FIXED_SHARE * self.extent_of_known();
         let blocks = points.iter().filter_map(|&point| {
             let mut block = PointBlock::unknown(starts.positions[point]?);
             if self.points[point].role == PointRole::Control {
-                block.prior = self.points[point].known.map(|known| {
-                    known.map(|Known { value_mm, sigma_mm }| CoordinatePrior {
-                        value: value_mm,
-                        sigma: sigma_mm.unwrap_or(fixed),
-                    })
-                });
+                let known = self.points[point].known;
+                block.prior = known.map(|known| Some(known?.prior()));
             }
             Some(block)
         });
@@ -288,25 +290,6 @@ impl PlainNetwork {
             distances,
             problem,
         })
-    }
-
-    /// Greatest distance of a known coordinate from another of its axis, mm; 1 where there are none.
-    fn extent_of_known(&self) -> f64 {
-        let control = self
-            .points
-            .iter()
-            .filter(|point| point.role == PointRole::Control);
-        let extent = (0..3).map(|axis| {
-            let values = control
-                .clone()
-                .filter_map(|point| Some(point.known[axis]?.value_mm));
-            let [least, most] = values.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], value| {
-                [a.min(value), b.max(value)]
-            });
-            most - least
-        });
-        let largest = extent.fold(0.0, f64::max);
-        if largest > 0.0 { largest } else { 1.0 }
     }
 
     fn tell_of_scale(&self, part: &Part, told: &mut Vec<String>) {

@@ -264,8 +264,8 @@ fn fixed_control_stays_where_it_is() {
     assert_eq!(adjusted.adjustment.datum_defect, 0);
     for point in [0, 5, 24, 29, 14] {
         let found = &adjusted.adjustment.points[point];
-        assert!((found.position - places[point]).norm() < 1e-6);
-        assert!(found.sigma_mm().unwrap().max() < 1e-6);
+        assert_eq!(found.position, places[point]);
+        assert_eq!(found.sigma_mm(), Some(Vector3::zeros()));
     }
     assert!(largest_error(&adjusted) < 1e-4);
 }

@@ -23,9 +23,6 @@ use crate::targets::DotIndex;
 /// Fewest rays that give a point coordinates.
 const RAYS_TO_INTERSECT: usize = 2;
 
-/// Standard deviation of a control coordinate that is given as fixed, mm: far below what pictures can tell.
-const FIXED_SIGMA_MM: f64 = 1e-6;
-
 /// Standard deviation of a weighted control coordinate that is given without one, mm.
 const UNSTATED_SIGMA_MM: f64 = 0.01;
 
@@ -525,9 +522,12 @@ fn add_control(
 ) -> bool {
     let mut whole = 0;
     for control in network.control.iter() {
-        let sigma = |axis: usize| match control.role {
-            ControlRole::Fixed => FIXED_SIGMA_MM,
-            _ => control.sigmas_mm[axis].unwrap_or(UNSTATED_SIGMA_MM),
+        let prior = |axis: usize, value: f64| match control.role {
+            ControlRole::Fixed => CoordinatePrior::Fixed { value },
+            _ => CoordinatePrior::Weighted {
+                value,
+                sigma: control.sigmas_mm[axis].unwrap_or(UNSTATED_SIGMA_MM),
+            },
         };
         let enters = matches!(control.role, ControlRole::Weighted | ControlRole::Fixed);
         let place = network
@@ -538,10 +538,7 @@ fn add_control(
             continue;
         };
         blocks[place].prior = std::array::from_fn(|axis| {
-            control.coordinates_mm[axis].map(|value| CoordinatePrior {
-                value,
-                sigma: sigma(axis),
-            })
+            control.coordinates_mm[axis].map(|value| prior(axis, value))
         });
         whole += usize::from(control.coordinates_mm.iter().all(Option::is_some));
     }
