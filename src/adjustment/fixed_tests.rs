@@ -64,7 +64,7 @@ fn statistics_agree_with_dense_algebra() {
 }
 
 #[test]
-fn a_free_network_with_a_fixed_height_agrees_with_dense_algebra() {
+fn fixed_heights_of_a_free_network_are_that_limit_too() {
     let Simulated { truth, mut problem } = toy(5);
     // Heights of three points leave the shift in plan and the turn about the vertical, and with a bar no scale.
     for p in [1, 6, 10] {
