@@ -79,6 +79,87 @@ pub(super) fn small_network() -> PlainNetwork {
     }
 }
 
+pub(super) fn lens(direction: LensDirection) -> PlainCamera {
+    PlainCamera {
+        name: "A".into(),
+        width_px: 4000,
+        height_px: 3000,
+        pixel_pitch_mm: 0.005,
+        lens: direction,
+        values: [24.0, 0.05, -0.03, 1e-4, -1e-7, 0.0, 1e-6, 2e-6, 1e-4, 0.0],
+        parameters: [PlainParameter::Fixed; 10],
+    }
+}
+
+/// Thirty places on three levels, 450 x 440 x 120 mm.
+pub(super) fn places() -> Vec<Vector3<f64>> {
+    let number = |k: usize, n: usize| (k % n) as f64;
+    (0..30)
+        .map(|k| {
+            Vector3::new(
+                90.0 * number(k, 6),
+                110.0 * number(k / 6, 5),
+                40.0 * number(k, 4),
+            )
+        })
+        .collect()
+}
+
+/// Eight poses on a circle above the places, turned about their axes in turn.
+pub(super) fn ring_poses(places: &[Vector3<f64>]) -> Vec<Pose> {
+    let middle = places.iter().sum::<Vector3<f64>>() / places.len() as f64;
+    (0..8)
+        .map(|image| {
+            let around = std::f64::consts::TAU * f64::from(image) / 8.0;
+            let from = middle + Vector3::new(500.0 * around.cos(), 500.0 * around.sin(), 900.0);
+            Pose::looking_at(from, middle, Vector3::y(), 1.6 * f64::from(image))
+        })
+        .collect()
+}
+
+/// All places in all images without noise, with true starts, and the distance of the first place from the last.
+pub(super) fn imaged(camera: PlainCamera, places: &[Vector3<f64>], poses: &[Pose]) -> PlainNetwork {
+    let mut observations = Vec::new();
+    for (image, pose) in poses.iter().enumerate() {
+        for (point, place) in places.iter().enumerate() {
+            let pixel = camera.camera().project(&pose.camera_from_point(place));
+            let pixel = pixel.unwrap();
+            observations.push(PlainObservation {
+                image,
+                point,
+                x_px: pixel.x,
+                y_px: pixel.y,
+                sigma_px: 0.1,
+            });
+        }
+    }
+    let image = |(k, pose): (usize, &Pose)| PlainImage {
+        name: format!("I{k}"),
+        camera: 0,
+        start: Some(*pose),
+    };
+    let point = |(k, place): (usize, &Vector3<f64>)| {
+        PlainPoint::new(format!("P{k}"), Some((*place).into()))
+    };
+    let last = places.len() - 1;
+    PlainNetwork {
+        cameras: vec![camera],
+        images: poses.iter().enumerate().map(image).collect(),
+        points: places.iter().enumerate().map(point).collect(),
+        observations,
+        distances: vec![PlainDistance {
+            name: "bar".into(),
+            from: 0,
+            to: last,
+            length_mm: (places[last] - places[0]).norm(),
+            sigma_mm: 0.01,
+            role: BarRole::Control,
+        }],
+        datum: PlainDatum::InnerConstraints(DatumPoints::All),
+        residuals: ResidualPlane::Measured,
+    }
+}
+
 /// A network of numbers that mean nothing but are allowed, with every kind of entry.
 pub(super) fn random_network(seed: u64) -> PlainNetwork {
     let random = &mut ChaCha8Rng::seed_from_u64(seed);
