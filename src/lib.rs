@@ -40,7 +40,7 @@
 //!
 //! The measurement: names for the numbers
 //! - [`network`]: the document as a value; a change copies what it touches, so that nobody sees it half-changed.
-//! - [`plain_network`]: a network of rays without pictures, read from and written for other programs; adjusts nothing.
+//! - [`plain_network`]: a network of rays without pictures, read, written, adjusted; what is bad is named.
 //! - [`synthetic`]: scenes and pictures of which everything is known exactly; never uses what it is to test.
 //! - [`stages`]: the six stages; a step is a pure function of the network, and the next one follows from it alone.
 //! - [`report`]: tables, CSV, TOML, JSON; no figure that is older than its inputs leaves the program.

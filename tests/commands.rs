@@ -4,6 +4,7 @@ mod common;
 
 use std::collections::BTreeMap;
 
+use common::rays::{CENTRES, network_of_rays, places};
 use common::{Folder, HEIGHT_PX, IMAGES, NEW, WIDTH_PX, scene};
 use serde_json::Value;
 use tiepoint::synthetic::TruthDot;
@@ -565,56 +566,15 @@ fn codes_have_as_many_rows_as_codes() {
     );
 }
 
-/// A net of one camera, three images from 1 m and eight points, of which each image sees all; the last point is seen once.
-fn plain_network() -> Value {
-    let points: Vec<[f64; 3]> = (0..8)
-        .map(|k| {
-            [
-                f64::from(k % 4) * 80.0 - 120.0,
-                f64::from(k / 4) * 150.0 - 75.0,
-                f64::from(k % 3) * 40.0,
-            ]
-        })
-        .collect();
-    let centres = [
-        [-400.0, 0.0, 1000.0],
-        [0.0, 350.0, 1000.0],
-        [400.0, -50.0, 1000.0],
-    ];
-    let name = |kind: &str, k: usize| format!("{kind}{k}");
-    let mut seen = Vec::new();
-    for (image, centre) in centres.iter().enumerate() {
-        for (point, place) in points.iter().enumerate() {
-            // The camera looks down along -z; a principal distance of 20 mm, pixels of 5 um.
-            let away = std::array::from_fn::<f64, 3, _>(|axis| place[axis] - centre[axis]);
-            let scale = -20.0 / away[2] / 0.005;
-            seen.push(serde_json::json!([
-                name("I", image),
-                name("P", point),
-                2000.0 + scale * away[0],
-                1500.0 - scale * away[1]
-            ]));
-        }
-    }
-    seen.push(serde_json::json!(["I0", "lost", 100.0, 100.0]));
-    serde_json::json!({
-        "format": "tiepoint-network", "version": 1, "sigma_px": 0.1,
-        "cameras": [{"name": "A", "width_px": 4000, "height_px": 3000, "pixel_pitch_mm": 0.005, "values": {"c": 20}}],
-        "images": centres.iter().enumerate().map(|(k, centre)| serde_json::json!({
-            "name": name("I", k), "camera": "A", "centre_mm": centre,
-            "camera_from_world": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
-        })).collect::<Vec<_>>(),
-        "points": points.iter().enumerate().map(|(k, _)| serde_json::json!({"name": name("P", k)}))
-            .chain([serde_json::json!({"name": "lost"})]).collect::<Vec<_>>(),
-        "observations": seen,
-        "distances": [{"name": "bar", "from": "P0", "to": "P3", "length_mm": 240, "sigma_mm": 0.01}],
-    })
-}
-
 #[test]
 fn adjust_tells_of_a_network_without_pictures() {
     let folder = Folder::new("adjust");
-    let network = plain_network();
+    // Three images of eight points, and a point that is seen once.
+    let mut network = network_of_rays(&places()[..8], &CENTRES[..3]);
+    let lost = serde_json::json!({"name": "lost"});
+    network["points"].as_array_mut().unwrap().push(lost);
+    let seen = serde_json::json!(["I0", "lost", 100.0, 100.0]);
+    network["observations"].as_array_mut().unwrap().push(seen);
     folder.write("net.json", network.to_string());
     let report = folder
         .run(&["adjust", "--network", "net.json", "--json"])
@@ -632,8 +592,8 @@ fn adjust_tells_of_a_network_without_pictures() {
     assert!(text.done().contains("redundancy 13\n"), "{text:?}");
 
     let mut bad = network;
-    bad["observations"][3][1] = "P2".into();
+    bad["observations"][3][1] = "P99".into();
     folder.write("bad.json", bad.to_string());
     let answer = folder.run(&["adjust", "--network", "bad.json"]);
-    answer.refused(2, &["bad.json", "'P2' in image 'I0'"]);
+    answer.refused(2, &["bad.json", "'P99' in image 'I0'"]);
 }

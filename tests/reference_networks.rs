@@ -27,11 +27,9 @@ fn named(text: &str) -> NamedText<'_> {
 }
 
 fn adjusted(network: &PlainNetwork) -> PlainAdjustment {
-    let adjusted = network
+    network
         .adjust(&PlainSettings::default(), &Monitor::new())
-        .unwrap();
-    assert_eq!(adjusted.told, Vec::<String>::new());
-    adjusted
+        .unwrap()
 }
 
 /// A value of the adjusted camera and its standard deviation.
@@ -112,6 +110,7 @@ fn the_aicon_bundle_gives_its_protocol() {
     let network = aicon(&folder);
     let printed = printed_points(&text(&folder, "example.obc"));
     let adjusted = adjusted(&network);
+    assert_eq!(adjusted.told, Vec::<String>::new());
     let a = &adjusted.adjustment;
     // The network's unit is the millimetre, its image unit the pixel; the protocol's weights are 0.0005 mm.
     let sigma0_mm = a.sigma0 * 0.0005;
@@ -193,6 +192,17 @@ fn the_dbat_calibration_gives_its_report() {
     })
     .unwrap();
     let adjusted = adjusted(&network);
+    // The corners of the sheet are held at a flat unit square; the images see it warped by some thousandths.
+    let [warp] = &adjusted.told[..] else {
+        panic!("{:#?}", adjusted.told);
+    };
+    say(&format!("dbat-camcal: {warp}"));
+    let corners = ["1001", "1002", "1003", "1004"].map(|name| format!("z of point '{name}'"));
+    assert!(corners.iter().all(|corner| warp.contains(corner)), "{warp}");
+    assert!(
+        warp.ends_with("nothing tells which, all are used"),
+        "{warp}"
+    );
     let a = &adjusted.adjustment;
     say(&format!(
         "dbat-camcal: sigma0 {:.5} (published 1.6148), redundancy {} (published 3725), {} iterations",

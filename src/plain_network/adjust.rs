@@ -4,19 +4,19 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Vector2, Vector3};
 
+use super::contradictions::{Contradiction, Search, Start};
+use super::repair::{Failure, Repair};
+use super::shape::{PrincipalDistance, Shape, hopeless_shape};
 use super::starts::Starts;
 use super::usable::{Usable, listed};
-use super::{
-    DatumPoints, Known, PlainCamera, PlainDatum, PlainNetwork, PlainParameter, PlainPoint,
-    PointRole,
-};
+use super::weak::badly_determined;
+use super::{DatumPoints, Known, PlainCamera, PlainDatum, PlainNetwork, PlainParameter, PointRole};
 use crate::adjustment::{
     Adjustment, AdjustmentError, BundleProblem, BundleSettings, CameraBlock, CoordinatePrior,
-    Datum, DistanceObservation, ImageObservation, ParameterName, ParameterState, PointBlock,
-    ProblemPart, RejectedObservation, RejectionSettings, StationBlock, adjust,
-    adjust_with_rejection,
+    Datum, DistanceObservation, ImageObservation, ParameterState, PointBlock, RejectedObservation,
+    RejectionSettings, StationBlock, adjust, adjust_with_rejection,
 };
-use crate::camera::{Camera, INTERIOR_NAMES, InteriorOrientation};
+use crate::camera::{Camera, InteriorOrientation};
 use crate::monitor::Monitor;
 use crate::network::BarRole;
 
@@ -25,7 +25,8 @@ use crate::network::BarRole;
 pub struct PlainSettings {
     /// How its equations are iterated.
     pub bundle: BundleSettings,
-    /// What counts as a gross error; `None`: every observation is used.
+    /// What counts as a gross error; `None`: every observation and every known value is used, and known values that contradict
+    /// everything else are told only.
     pub rejection: Option<RejectionSettings>,
 }
 
@@ -44,8 +45,22 @@ pub struct PlainAdjustment {
     pub adjustment: Adjustment,
     /// Observations that were rejected, by their places in `observations`.
     pub rejected: Vec<RejectedObservation>,
+    /// Camera parameters that are free in the network but were held, because the observations do not determine them.
+    pub held: Vec<HeldParameter>,
+    /// Known values that contradict everything else, the worst first; with rejection those are left out of which it is known that
+    /// they are wrong.
+    pub contradictions: Vec<Contradiction>,
     /// What could not take part or should be known, one line each.
     pub told: Vec<String>,
+}
+
+/// A camera parameter that was held at its value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct HeldParameter {
+    /// Index of the camera.
+    pub camera: usize,
+    /// Index into [`crate::camera::INTERIOR_NAMES`].
+    pub parameter: usize,
 }
 
 /// Why a network was not adjusted.
@@ -78,14 +93,16 @@ impl PlainCamera {
         }
     }
 
-    fn states(&self) -> [ParameterState; 10] {
+    /// What the adjustment does with its parameters; `believed`: known values that are, `held`: free ones that are not estimated.
+    fn states(&self, believed: &[bool; 10], held: &[bool; 10]) -> [ParameterState; 10] {
         std::array::from_fn(|k| match self.parameters[k] {
-            PlainParameter::Fixed => ParameterState::Fixed,
-            PlainParameter::Free => ParameterState::Free,
-            PlainParameter::Weighted { sigma } => ParameterState::Weighted {
+            PlainParameter::Weighted { sigma } if believed[k] => ParameterState::Weighted {
                 value: self.values[k],
                 sigma,
             },
+            PlainParameter::Fixed => ParameterState::Fixed,
+            _ if held[k] => ParameterState::Fixed,
+            _ => ParameterState::Free,
         })
     }
 }
@@ -100,29 +117,24 @@ impl Known {
     }
 }
 
-impl PlainPoint {
-    /// Where it is by its known coordinates, else by its start.
-    pub(super) fn place(&self) -> Option<Vector3<f64>> {
-        let known = |axis: usize| match self.role {
-            PointRole::Control => self.known[axis].map(|known| known.value_mm),
-            PointRole::Check | PointRole::New => None,
-        };
-        let coordinate = |axis: usize| known(axis).or_else(|| Some(self.start.as_ref()?[axis]));
-        Some(Vector3::new(coordinate(0)?, coordinate(1)?, coordinate(2)?))
-    }
+/// What takes part, in the order in which the adjustment has it.
+pub(super) struct Part {
+    pub(super) images: Vec<usize>,
+    pub(super) points: Vec<usize>,
+    pub(super) observations: Vec<usize>,
+    pub(super) distances: Vec<usize>,
+    pub(super) problem: BundleProblem,
 }
 
-/// What takes part, in the order in which the adjustment has it.
-struct Part {
-    images: Vec<usize>,
-    points: Vec<usize>,
-    observations: Vec<usize>,
-    distances: Vec<usize>,
-    problem: BundleProblem,
+/// What came of one adjustment of a part.
+struct Adjusted {
+    adjustment: Adjustment,
+    rejected: Vec<RejectedObservation>,
 }
 
 impl PlainNetwork {
-    /// Adjusts what can take part.
+    /// Adjusts what can take part: what is bad is left out, what the observations do not determine is held or left out, and each is
+    /// told in one line; then everything else is adjusted again.
     ///
     /// # Errors
     /// [`PlainError`], in one line that names the thing.
@@ -131,31 +143,127 @@ impl PlainNetwork {
         settings: &PlainSettings,
         monitor: &Monitor,
     ) -> Result<PlainAdjustment, PlainError> {
-        let (mut usable, starts) = self.beginning();
-        let part = self.part(&usable, &starts)?;
-        self.tell_of_scale(&part, &mut usable.told);
-        let in_words = |error| self.in_words(&part, error);
-        let (adjustment, rejected) = match &settings.rejection {
-            None => {
-                let adjusted = adjust(part.problem.clone(), settings.bundle, monitor);
-                (adjusted.map_err(in_words)?, Vec::new())
+        let mut usable = Usable::of(self);
+        let mut starts = Starts::find(self, &usable);
+        let mut contradictions_sought = settings.rejection.is_none();
+        let mut hopeless = None;
+        loop {
+            usable.settle(self);
+            hopeless = hopeless.or_else(|| self.hopeless(&usable, &starts));
+            self.leave_out_unknown(&mut usable, &starts);
+            usable.settle(self);
+            let because = |error| hopeless.clone().map_or(error, PlainError::Failed);
+            let part = self.part(&usable, &starts).map_err(because)?;
+            let search = Search::of(&part, settings, monitor);
+            let in_words = |error| self.in_words(&part, error);
+            if let (false, Some(rejection)) = (contradictions_sought, &settings.rejection) {
+                contradictions_sought = true;
+                let found = contradictions_of_rays(&search, rejection).map_err(in_words)?;
+                if self.leave_out_contradictions(&mut usable, &search, found) {
+                    continue;
+                }
             }
-            Some(rejection) => {
-                let robust =
-                    adjust_with_rejection(&part.problem, settings.bundle, rejection, monitor);
-                let robust = robust.map_err(in_words)?;
-                (robust.adjustment, robust.rejected)
+            let error = match adjust_part(&part, settings, monitor) {
+                Ok(adjusted) => {
+                    if settings.rejection.is_none() {
+                        let result = Start::Result(&adjusted.adjustment);
+                        let found = search.contradictions(result, &BTreeSet::new());
+                        self.tell_contradictions(&mut usable, &search, found.map_err(in_words)?);
+                    }
+                    return Ok(self.concluded(part, adjusted, usable));
+                }
+                Err(error) => error,
+            };
+            let failure = Failure {
+                network: self,
+                part: &part,
+                error: &error,
+            };
+            match failure.repair(&mut usable, &search).map_err(in_words)? {
+                Repair::LeftOut => {}
+                Repair::StartsChanged => starts = Starts::find(self, &usable),
+                Repair::Impossible => return Err(because(in_words(error))),
             }
+        }
+    }
+
+    /// Leaves out what is known to be wrong; whether there is any.
+    fn leave_out_contradictions(
+        &self,
+        usable: &mut Usable,
+        search: &Search<'_>,
+        mut found: Vec<Contradiction>,
+    ) -> bool {
+        let mut any = false;
+        for contradiction in found.iter_mut().filter(|found| found.can_be_left_out()) {
+            contradiction.is_used = false;
+            usable.leave_out_known(contradiction.value);
+            any = true;
+        }
+        self.tell_contradictions(usable, search, found);
+        any
+    }
+
+    fn tell_contradictions(
+        &self,
+        usable: &mut Usable,
+        search: &Search<'_>,
+        found: Vec<Contradiction>,
+    ) {
+        let lines = found
+            .iter()
+            .map(|found| found.in_words(self, search.critical));
+        usable.told.extend(lines);
+        usable.contradictions.extend(found);
+    }
+
+    /// Why nothing can be adjusted from these starts, where their shape forbids it.
+    fn hopeless(&self, usable: &Usable, starts: &Starts) -> Option<String> {
+        let points = (0..self.points.len()).filter(|&k| usable.points[k]);
+        let points: Vec<Vector3<f64>> = points.filter_map(|k| starts.positions[k]).collect();
+        let images = (0..self.images.len()).filter(|&k| usable.images[k]);
+        let stations: Vec<Vector3<f64>> = images
+            .filter_map(|k| Some(starts.poses[k]?.centre_in_world))
+            .collect();
+        hopeless_shape(&points, &stations)
+    }
+
+    fn concluded(&self, part: Part, adjusted: Adjusted, mut usable: Usable) -> PlainAdjustment {
+        let Adjusted {
+            adjustment,
+            rejected,
+        } = adjusted;
+        self.tell_of_scale(&part, &mut usable);
+        let seen = adjustment.points.iter().filter(|point| point.rays > 0);
+        let points: Vec<Vector3<f64>> = seen.map(|point| point.position).collect();
+        let stations = adjustment.stations.iter();
+        let stations: Vec<Vector3<f64>> = stations.map(|s| s.pose.centre_in_world).collect();
+        let mut cameras = part.problem.cameras.iter();
+        let c = match cameras.any(|camera| camera.parameters[0] != ParameterState::Fixed) {
+            true => PrincipalDistance::Estimated,
+            false => PrincipalDistance::Held,
         };
-        Ok(PlainAdjustment {
+        if let Some(shape) = Shape::of(&points, &stations) {
+            usable.told.extend(shape.told(c));
+        }
+        usable
+            .told
+            .extend(badly_determined(self, &part, &adjustment));
+        let held = usable.held.iter().enumerate().flat_map(|(camera, held)| {
+            let held = (0..10).filter(|&parameter| held[parameter]);
+            held.map(move |parameter| HeldParameter { camera, parameter })
+        });
+        PlainAdjustment {
             images: part.images,
             points: part.points,
             observations: part.observations,
             distances: part.distances,
             adjustment,
             rejected,
+            held: held.collect(),
+            contradictions: usable.contradictions,
             told: usable.told,
-        })
+        }
     }
 
     /// The network as an adjustment begins with it: a pose and coordinates for everything that can take part, none for the
@@ -177,7 +285,8 @@ impl PlainNetwork {
     /// What can be adjusted, and where it starts.
     fn beginning(&self) -> (Usable, Starts) {
         let mut usable = Usable::of(self);
-        let starts = Starts::find(self, [&usable.images, &usable.points]);
+        let starts = Starts::find(self, &usable);
+        usable.settle(self);
         self.leave_out_unknown(&mut usable, &starts);
         usable.settle(self);
         (usable, starts)
@@ -228,7 +337,7 @@ impl PlainNetwork {
         let (station_of, point_of) = (place(&images), place(&points));
         let mut observations = Vec::new();
         let mut rays = Vec::new();
-        for (index, seen) in self.observations.iter().enumerate() {
+        for (index, seen) in usable.seen(self) {
             if let (Some(&station), Some(&point)) =
                 (station_of.get(&seen.image), point_of.get(&seen.point))
             {
@@ -245,7 +354,8 @@ impl PlainNetwork {
         let mut lengths = Vec::new();
         for (index, distance) in self.distances.iter().enumerate() {
             let ends = [distance.from, distance.to].map(|end| point_of.get(&end).copied());
-            if let ([Some(from), Some(to)], BarRole::Control) = (ends, distance.role) {
+            let is_used = usable.distances[index] && distance.role == BarRole::Control;
+            if let ([Some(from), Some(to)], true) = (ends, is_used) {
                 distances.push(index);
                 lengths.push(DistanceObservation {
                     from,
@@ -263,13 +373,15 @@ impl PlainNetwork {
         });
         let blocks = points.iter().filter_map(|&point| {
             let mut block = PointBlock::unknown(starts.positions[point]?);
-            if self.points[point].role == PointRole::Control {
-                let known = self.points[point].known;
-                block.prior = known.map(|known| Some(known?.prior()));
-            }
+            let is_control = self.points[point].role == PointRole::Control;
+            let is_used = |axis: usize| is_control && usable.known[point][axis];
+            block.prior = [0, 1, 2].map(|axis| {
+                let known = self.points[point].known[axis].filter(|_| is_used(axis));
+                Some(known?.prior())
+            });
             Some(block)
         });
-        let datum = match &self.datum {
+        let datum = match &usable.datum {
             PlainDatum::Control => Datum::Control,
             PlainDatum::InnerConstraints(chosen) => Datum::InnerConstraints {
                 points: match chosen {
@@ -289,7 +401,7 @@ impl PlainNetwork {
             .map(|(index, camera)| CameraBlock {
                 camera: camera.camera(),
                 parameters: if in_use.contains(&index) {
-                    camera.states()
+                    camera.states(&usable.known_parameters[index], &usable.held[index])
                 } else {
                     [ParameterState::Fixed; 10]
                 },
@@ -314,93 +426,77 @@ impl PlainNetwork {
         })
     }
 
-    fn tell_of_scale(&self, part: &Part, told: &mut Vec<String>) {
+    fn tell_of_scale(&self, part: &Part, usable: &mut Usable) {
         let known = part
             .problem
             .points
             .iter()
             .filter(|p| p.prior.iter().any(Option::is_some));
         if part.problem.distances.is_empty() && known.count() < 2 {
-            told.push(
+            usable.told.push(
                 "found no distance and no known coordinates: the scale is that of the starting values"
                     .into(),
             );
         }
-        let lost = self.distances.iter().enumerate();
-        let lost = lost.filter(|(k, d)| d.role == BarRole::Control && !part.distances.contains(k));
+        // Those that were left out for themselves are told already.
+        let lost = self
+            .distances
+            .iter()
+            .enumerate()
+            .filter(|(index, distance)| {
+                distance.role == BarRole::Control
+                    && usable.distances[*index]
+                    && !part.distances.contains(index)
+            });
         let names: Vec<&str> = lost.map(|(_, distance)| distance.name.as_str()).collect();
         if !names.is_empty() {
-            told.push(format!(
+            usable.told.push(format!(
                 "{}: found an end that does not take part: not used",
                 listed("distance", &names)
             ));
         }
     }
+}
 
-    /// An error of the adjustment with the names that the network has.
-    fn in_words(&self, part: &Part, error: AdjustmentError) -> PlainError {
-        let image = |station: usize| &self.images[part.images[station]].name;
-        let point = |index: usize| &self.points[part.points[index]].name;
-        let observation = |index: usize| {
-            let seen = &part.problem.observations[index];
-            format!(
-                "point '{}' in image '{}'",
-                point(seen.point),
-                image(seen.station)
-            )
-        };
-        PlainError::Failed(match error {
-            AdjustmentError::Interrupted(_) => return PlainError::Interrupted,
-            AdjustmentError::InvalidInput { part: of, index } => {
-                let what = match of {
-                    ProblemPart::Station => format!("image '{}'", image(index)),
-                    ProblemPart::Camera => format!("camera '{}'", self.cameras[index].name),
-                    ProblemPart::Point | ProblemPart::Datum | ProblemPart::Frame => {
-                        format!("point '{}'", point(index))
-                    }
-                    ProblemPart::Observation => observation(index),
-                    ProblemPart::Distance => {
-                        format!("distance '{}'", self.distances[part.distances[index]].name)
-                    }
-                };
-                format!("{what}: its numbers are not valid")
-            }
-            AdjustmentError::PointsUnderdetermined { points } => {
-                let names: Vec<&str> = points.iter().map(|&p| point(p).as_str()).collect();
-                format!("{}: too few rays", listed("point", &names))
-            }
-            AdjustmentError::StationUnderdetermined { station, found } => {
-                format!(
-                    "image '{}': found {found} points, expected 3 or more",
-                    image(station)
-                )
-            }
-            AdjustmentError::NotImaged { observations } => format!(
-                "{} of {} observations lie behind the camera or outside the lens at the starting values, the first is {}",
-                observations.len(),
-                part.problem.observations.len(),
-                observation(observations[0])
-            ),
-            AdjustmentError::RankDefect { defect, loose } => {
-                let name = |parameter: &ParameterName| match parameter {
-                    ParameterName::Camera { index, parameter } => {
-                        format!(
-                            "{} of camera '{}'",
-                            INTERIOR_NAMES[*parameter], self.cameras[*index].name
-                        )
-                    }
-                    ParameterName::Station { index, component } => {
-                        format!("{component} of image '{}'", image(*index))
-                    }
-                    ParameterName::Point { index } => format!("point '{}'", point(*index)),
-                };
-                let names: Vec<String> = loose.iter().take(6).map(name).collect();
-                format!(
-                    "the observations do not determine {} (rank defect {defect})",
-                    names.join(", ")
-                )
-            }
-            other => other.to_string(),
-        })
+fn adjust_part(
+    part: &Part,
+    settings: &PlainSettings,
+    monitor: &Monitor,
+) -> Result<Adjusted, AdjustmentError> {
+    match &settings.rejection {
+        None => Ok(Adjusted {
+            adjustment: adjust(part.problem.clone(), settings.bundle, monitor)?,
+            rejected: Vec::new(),
+        }),
+        Some(rejection) => {
+            let robust = adjust_with_rejection(&part.problem, settings.bundle, rejection, monitor)?;
+            Ok(Adjusted {
+                adjustment: robust.adjustment,
+                rejected: robust.rejected,
+            })
+        }
+    }
+}
+
+/// Contradictions of known values with rays of which the gross errors are gone: known values that hardly pull do not make good
+/// rays look wrong, and so gross errors of the images are found first.
+///
+/// # Errors
+/// [`AdjustmentError::Interrupted`].
+fn contradictions_of_rays(
+    search: &Search<'_>,
+    rejection: &RejectionSettings,
+) -> Result<Vec<Contradiction>, AdjustmentError> {
+    if !search.is_possible() {
+        return Ok(Vec::new());
+    }
+    let slack = search.slack();
+    match adjust_with_rejection(&slack, search.bundle, rejection, search.monitor) {
+        Ok(robust) => {
+            let rejected = robust.rejected.iter().map(|rejected| rejected.index);
+            search.contradictions(Start::Near(&robust.adjustment), &rejected.collect())
+        }
+        Err(AdjustmentError::Interrupted(stop)) => Err(AdjustmentError::Interrupted(stop)),
+        Err(_) => search.contradictions(Start::Given, &BTreeSet::new()),
     }
 }

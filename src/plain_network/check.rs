@@ -1,6 +1,6 @@
 //! What makes a network meaningless, found before an adjustment sees it.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::error::quote;
 use super::{
@@ -25,6 +25,9 @@ pub struct NetworkFault {
 
 /// Largest entry of `M M^T - I` that counts as a rotation: printed matrices have six decimals or more.
 const ROTATION_TOLERANCE: f64 = 1e-5;
+
+/// Names of the coordinates.
+pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
 
 impl NetworkFault {
     pub(super) fn new(
@@ -54,16 +57,35 @@ impl PlainNetwork {
     /// # Errors
     /// [`NetworkFault`]: the first thing that is wrong.
     pub fn check(&self) -> Result<(), NetworkFault> {
+        self.check_but_observations()?;
+        let mut seen = BTreeSet::new();
+        for (index, observation) in self.observations.iter().enumerate() {
+            self.check_observation(index, observation)?;
+            if !seen.insert((observation.image, observation.point)) {
+                let about = self.name_of(index, observation);
+                return Err(NetworkFault::new(about, "a second one of it", "one"));
+            }
+        }
+        Ok(())
+    }
+
+    /// [`Self::check`] without the numbers of the image points, nor whether a point has several in an image: such ones
+    /// an adjustment leaves out.
+    pub(super) fn check_but_observations(&self) -> Result<(), NetworkFault> {
         unique("camera", self.cameras.iter().map(|c| c.name.as_str()))?;
         unique("image", self.images.iter().map(|i| i.name.as_str()))?;
-        unique("point", self.points.iter().map(|p| p.name.as_str()))?;
+        self.check_names_of_points()?;
         unique("distance", self.distances.iter().map(|d| d.name.as_str()))?;
         self.cameras.iter().try_for_each(check_camera)?;
         for image in &self.images {
             self.check_image(image)?;
         }
         self.points.iter().try_for_each(check_point)?;
-        self.check_observations()?;
+        for (index, observation) in self.observations.iter().enumerate() {
+            let about = format!("observation {}", index + 1);
+            within(&about, "image", observation.image, self.images.len())?;
+            within(&about, "point", observation.point, self.points.len())?;
+        }
         for distance in &self.distances {
             self.check_distance(distance)?;
         }
@@ -71,6 +93,28 @@ impl PlainNetwork {
             check_expansion("object", object)?;
         }
         self.check_datum()
+    }
+
+    /// Points of one name are told with what their known coordinates differ by.
+    fn check_names_of_points(&self) -> Result<(), NetworkFault> {
+        let mut first = BTreeMap::new();
+        for point in &self.points {
+            let Some(other) = first.insert(point.name.as_str(), point) else {
+                continue;
+            };
+            let axes = AXES.iter().zip(other.known.iter().zip(&point.known));
+            let differing = axes.filter_map(|(axis, (one, two))| {
+                let [one, two] = [one.as_ref()?.value_mm, two.as_ref()?.value_mm];
+                (one != two).then(|| format!("{axis} {two} mm after {one} mm"))
+            });
+            let differing: Vec<String> = differing.collect();
+            if !differing.is_empty() {
+                let about = format!("point {}", quote(&point.name));
+                let found = format!("a second one of this name with {}", differing.join(", "));
+                return Err(NetworkFault::new(about, found, "one"));
+            }
+        }
+        unique("point", self.points.iter().map(|p| p.name.as_str()))
     }
 
     fn check_image(&self, image: &PlainImage) -> Result<(), NetworkFault> {
@@ -97,21 +141,16 @@ impl PlainNetwork {
         Ok(())
     }
 
-    fn check_observations(&self) -> Result<(), NetworkFault> {
-        let mut seen = BTreeSet::new();
-        for (index, observation) in self.observations.iter().enumerate() {
-            let about = format!("observation {}", index + 1);
-            within(&about, "image", observation.image, self.images.len())?;
-            within(&about, "point", observation.point, self.points.len())?;
-            let about = self.name_of(index, observation);
-            finite(&about, "x_px", observation.x_px)?;
-            finite(&about, "y_px", observation.y_px)?;
-            positive(&about, "sigma_px", observation.sigma_px)?;
-            if !seen.insert((observation.image, observation.point)) {
-                return Err(NetworkFault::new(about, "a second one of it", "one"));
-            }
-        }
-        Ok(())
+    /// Whether the numbers of an image point can be what they stand for.
+    pub(super) fn check_observation(
+        &self,
+        index: usize,
+        observation: &PlainObservation,
+    ) -> Result<(), NetworkFault> {
+        let about = self.name_of(index, observation);
+        finite(&about, "x_px", observation.x_px)?;
+        finite(&about, "y_px", observation.y_px)?;
+        positive(&about, "sigma_px", observation.sigma_px)
     }
 
     fn name_of(&self, index: usize, observation: &PlainObservation) -> String {
@@ -349,10 +388,17 @@ mod tests {
                 centre_in_world: Vector3::zeros(),
             });
         };
-        let cases: [(Damage, &str); 20] = [
+        let cases: [(Damage, &str); 21] = [
             (
                 |n| n.images[1].name = "left".into(),
                 "image 'left': found a second one of this name, expected one",
+            ),
+            (
+                |n| {
+                    n.points.push(n.points[3].clone());
+                    n.points[4].known[1].as_mut().unwrap().value_mm = 91.5;
+                },
+                "point 'P4': found a second one of this name with y 91.5 mm after 90 mm, expected one",
             ),
             (
                 |n| n.points[0].name = " ".into(),

@@ -81,11 +81,14 @@ pub(crate) fn small_network() -> PlainNetwork {
     }
 }
 
-/// Images of [`network`].
-const IMAGES: usize = 8;
+/// Eight images round thirty points, without noise, a distance, all starts.
+pub(crate) fn network(direction: LensDirection) -> PlainNetwork {
+    let places = places();
+    imaged(lens(direction), &places, &ring_poses(&places))
+}
 
 /// A camera whose parameters are all fixed.
-fn lens(direction: LensDirection) -> PlainCamera {
+pub(super) fn lens(direction: LensDirection) -> PlainCamera {
     PlainCamera {
         name: "A".into(),
         width_px: 4000,
@@ -97,7 +100,7 @@ fn lens(direction: LensDirection) -> PlainCamera {
     }
 }
 
-/// Where its points are, mm.
+/// Thirty places on three levels, 450 x 440 x 120 mm.
 pub(crate) fn places() -> Vec<Vector3<f64>> {
     let number = |k: usize, n: usize| (k % n) as f64;
     (0..30)
@@ -111,22 +114,25 @@ pub(crate) fn places() -> Vec<Vector3<f64>> {
         .collect()
 }
 
-/// Eight images round thirty points, without noise, a distance, all starts.
-pub(crate) fn network(direction: LensDirection) -> PlainNetwork {
-    let camera = lens(direction);
-    let places = places();
+/// Eight poses on a circle above the places, turned about their axes in turn.
+pub(super) fn ring_poses(places: &[Vector3<f64>]) -> Vec<Pose> {
     let middle = places.iter().sum::<Vector3<f64>>() / places.len() as f64;
-    let mut images = Vec::new();
+    (0..8)
+        .map(|image| {
+            let around = std::f64::consts::TAU * f64::from(image) / 8.0;
+            let from = middle + Vector3::new(500.0 * around.cos(), 500.0 * around.sin(), 900.0);
+            Pose::looking_at(from, middle, Vector3::y(), 1.6 * f64::from(image))
+        })
+        .collect()
+}
+
+/// All places in all images without noise, with true starts, and the distance of the first place from the last.
+pub(super) fn imaged(camera: PlainCamera, places: &[Vector3<f64>], poses: &[Pose]) -> PlainNetwork {
     let mut observations = Vec::new();
-    for image in 0..IMAGES {
-        let around = std::f64::consts::TAU * image as f64 / IMAGES as f64;
-        let from = middle + Vector3::new(500.0 * around.cos(), 500.0 * around.sin(), 900.0);
-        let pose = Pose::looking_at(from, middle, Vector3::y(), 1.6 * image as f64);
+    for (image, pose) in poses.iter().enumerate() {
         for (point, place) in places.iter().enumerate() {
-            let pixel = camera
-                .camera()
-                .project(&pose.camera_from_point(place))
-                .unwrap();
+            let pixel = camera.camera().project(&pose.camera_from_point(place));
+            let pixel = pixel.unwrap();
             observations.push(PlainObservation {
                 image,
                 point,
@@ -135,25 +141,26 @@ pub(crate) fn network(direction: LensDirection) -> PlainNetwork {
                 sigma_px: 0.1,
             });
         }
-        images.push(PlainImage {
-            name: format!("I{image}"),
-            camera: 0,
-            start: Some(pose),
-        });
     }
+    let image = |(k, pose): (usize, &Pose)| PlainImage {
+        name: format!("I{k}"),
+        camera: 0,
+        start: Some(*pose),
+    };
     let point = |(k, place): (usize, &Vector3<f64>)| {
         PlainPoint::new(format!("P{k}"), Some((*place).into()))
     };
+    let last = places.len() - 1;
     PlainNetwork {
         cameras: vec![camera],
-        images,
+        images: poses.iter().enumerate().map(image).collect(),
         points: places.iter().enumerate().map(point).collect(),
         observations,
         distances: vec![PlainDistance {
             name: "bar".into(),
             from: 0,
-            to: 29,
-            length_mm: (places[29] - places[0]).norm(),
+            to: last,
+            length_mm: (places[last] - places[0]).norm(),
             sigma_mm: 0.01,
             role: BarRole::Control,
             expansion: None,

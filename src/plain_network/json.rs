@@ -9,6 +9,7 @@ use super::error::quote;
 use super::json_form::{
     CameraForm, DatumForm, DatumPointsForm, DistanceForm, FORMAT, Form, ImageForm, KnownForm,
     ObjectForm, ObservationForm, PointForm, RoleForm, VERSION, ValuesForm,
+    with_null_for_no_numbers,
 };
 use super::{
     DatumPoints, ImportError, ImportPlace, Known, NamedText, PlainCamera, PlainDatum,
@@ -45,15 +46,18 @@ use crate::network::{Expansion, REFERENCE_CELSIUS};
 /// `lens` is one of `"correcting"`, `"correcting_affinity_first"`, `{"displacing": {"balanced_radius_mm": R0}}` and
 /// `"displacing_affinity_last"` ([`crate::camera::LensDirection`]).
 ///
+/// Image points whose numbers are none (`null`, or `NaN` as other programs write it) and several of one point in an image are
+/// read: [`PlainNetwork::adjust`] leaves them out and names them.
+///
 /// # Errors
 /// [`ImportError`], one line: with line and column where the text is no JSON or a key has the wrong type, with the name
 /// of the thing where a name is unknown, given twice, or a value cannot be what it stands for ([`PlainNetwork::check`]).
 pub fn from_json(source: NamedText<'_>) -> Result<PlainNetwork, ImportError> {
     let text = source.text.strip_prefix('\u{feff}').unwrap_or(source.text);
     let source = NamedText { text, ..source };
-    let form: Form = serde_json::from_str(text).map_err(|e| json_error(source, &e))?;
+    let form: Form = form(text).map_err(|e| json_error(source, &e))?;
     network(form)
-        .and_then(|network| network.check().map(|()| network))
+        .and_then(|network| network.check_but_observations().map(|()| network))
         .map_err(|fault| source.fault(fault))
 }
 
@@ -90,6 +94,16 @@ pub fn to_json(network: &PlainNetwork) -> Result<String, NetworkFault> {
     key("distances", &list(distances));
     text.push_str("}\n");
     Ok(text)
+}
+
+/// A text that is no JSON only because other programs write `NaN` for numbers that they do not have is read all the same.
+fn form(text: &str) -> Result<Form, serde_json::Error> {
+    serde_json::from_str(text).or_else(|error| {
+        let Some(with_null) = with_null_for_no_numbers(text) else {
+            return Err(error);
+        };
+        serde_json::from_str(&with_null).map_err(|_| error)
+    })
 }
 
 fn json(value: &impl serde::Serialize) -> String {

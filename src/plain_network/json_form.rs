@@ -181,7 +181,7 @@ pub(super) enum DatumPointsForm {
     Listed(Vec<String>),
 }
 
-/// `["image", "point", x_px, y_px]` or with sigma_px as a fifth.
+/// `["image", "point", x_px, y_px]` or with sigma_px as a fifth; a number that is `null` is none.
 #[derive(Debug)]
 pub(super) struct ObservationForm {
     pub(super) image: String,
@@ -276,12 +276,13 @@ impl<'de> Deserialize<'de> for ObservationForm {
             }
             fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Self::Value, A::Error> {
                 let missing = |count| de::Error::invalid_length(count, &self);
+                let number = |number: Option<f64>| number.unwrap_or(f64::NAN);
                 let read = ObservationForm {
                     image: list.next_element()?.ok_or_else(|| missing(0))?,
                     point: list.next_element()?.ok_or_else(|| missing(1))?,
-                    x_px: list.next_element()?.ok_or_else(|| missing(2))?,
-                    y_px: list.next_element()?.ok_or_else(|| missing(3))?,
-                    sigma_px: list.next_element()?,
+                    x_px: number(list.next_element()?.ok_or_else(|| missing(2))?),
+                    y_px: number(list.next_element()?.ok_or_else(|| missing(3))?),
+                    sigma_px: list.next_element()?.map(number),
                 };
                 match list.next_element::<de::IgnoredAny>()? {
                     None => Ok(read),
@@ -291,4 +292,39 @@ impl<'de> Deserialize<'de> for ObservationForm {
         }
         deserializer.deserialize_seq(Reader)
     }
+}
+
+/// The text with `null` for every `NaN`, `Infinity` and `-Infinity` outside of words; `None` where there is none.
+pub(super) fn with_null_for_no_numbers(text: &str) -> Option<String> {
+    const NO_NUMBERS: [&str; 3] = ["NaN", "-Infinity", "Infinity"];
+    let mut changed = String::with_capacity(text.len());
+    let mut rest = text;
+    let mut found = false;
+    while !rest.is_empty() {
+        let end = rest.find('"').unwrap_or(rest.len());
+        let mut plain = rest[..end].to_owned();
+        for no_number in NO_NUMBERS {
+            found |= plain.contains(no_number);
+            plain = plain.replace(no_number, "null");
+        }
+        changed.push_str(&plain);
+        rest = &rest[end..];
+        let word = end_of_word(rest);
+        changed.push_str(&rest[..word]);
+        rest = &rest[word..];
+    }
+    found.then_some(changed)
+}
+
+/// Bytes of the word in quotation marks at the beginning of the text.
+fn end_of_word(text: &str) -> usize {
+    let mut escaped = false;
+    for (at, byte) in text.bytes().enumerate().skip(1) {
+        match byte {
+            b'"' if !escaped => return at + 1,
+            b'\\' => escaped = !escaped,
+            _ => escaped = false,
+        }
+    }
+    text.len()
 }

@@ -13,26 +13,44 @@
 //! - **Every fault is one line** ([`ImportError`]): where, what was found, what was expected. A reader that cannot hold
 //!   something refuses it; nothing is passed over in silence but what its documentation names.
 //!
-//! Invariant: a network that came out of a reader satisfies [`PlainNetwork::check`].
+//! - **Bad networks are adjusted where they can be.** What cannot take part is left out, what the observations do not
+//!   determine is held or left out ([`PlainNetwork::adjust`]), and each has its line.
+//!
+//! Invariant: a network that came out of a reader satisfies [`PlainNetwork::check`], but for image points of a JSON file that an
+//! adjustment leaves out.
 
 mod adjust;
 #[cfg(test)]
 mod adjust_tests;
 mod aicon;
+mod blocks;
 mod check;
 mod colmap;
 mod colmap_export;
 mod colmap_lens;
+mod contradictions;
 mod dbat;
 mod dbat_camera;
+mod doubtful;
 mod error;
 mod json;
 mod json_form;
+mod known_values;
 mod model;
+mod repair;
 mod rows;
+mod shape;
 mod starts;
 mod usable;
+mod weak;
+mod words;
 
+#[cfg(test)]
+mod bad_network_fixture;
+#[cfg(test)]
+mod bad_network_tests;
+#[cfg(test)]
+mod contradiction_tests;
 #[cfg(test)]
 mod damaged;
 #[cfg(test)]
@@ -40,11 +58,12 @@ pub(crate) mod fixture;
 #[cfg(test)]
 mod real_data;
 
-pub use adjust::{PlainAdjustment, PlainError, PlainSettings};
+pub use adjust::{HeldParameter, PlainAdjustment, PlainError, PlainSettings};
 pub use aicon::{AICON_SIGMA_MM, AiconTexts, from_aicon};
 pub use check::NetworkFault;
 pub use colmap::{COLMAP_PITCH_MM, COLMAP_SIGMA_PX, ColmapTexts, from_colmap};
 pub use colmap_export::{ColmapFiles, to_colmap};
+pub use contradictions::{Contradiction, KnownValue};
 pub use dbat::{DBAT_SIGMA_PX, DbatTexts, from_dbat};
 pub use error::{ImportError, ImportPlace, NamedText};
 pub use json::{from_json, to_json};

@@ -2,7 +2,8 @@
 
 use nalgebra::{Rotation3, Vector2, Vector3};
 
-use super::PlainNetwork;
+use super::usable::Usable;
+use super::{PlainNetwork, PointRole};
 use crate::camera::Camera;
 use crate::geometry::{Pose, Ray, intersect_rays};
 use crate::orientation::consensus::{ConsensusSettings, resect_by_consensus};
@@ -59,24 +60,23 @@ impl Rays<'_> {
 }
 
 impl Starts {
-    /// Starts of all that `used` names (images, points), from those that the network gives and from known coordinates.
-    pub(super) fn find(network: &PlainNetwork, used: [&[bool]; 2]) -> Self {
-        let [images, points] = used;
+    /// Starts of all that takes part, from those that the network gives and from known coordinates.
+    pub(super) fn find(network: &PlainNetwork, usable: &Usable) -> Self {
+        let images = &usable.images;
+        let given = network.images.iter().zip(&usable.image_starts);
         let mut starts = Self {
-            poses: network.images.iter().map(|image| image.start).collect(),
-            positions: network
-                .points
-                .iter()
-                .map(super::PlainPoint::place)
+            poses: given
+                .map(|(image, &believed)| image.start.filter(|_| believed))
+                .collect(),
+            positions: (0..network.points.len())
+                .map(|point| place(network, usable, point))
                 .collect(),
         };
         let mut of_image = vec![Vec::new(); network.images.len()];
         let mut of_point = vec![Vec::new(); network.points.len()];
-        for (index, seen) in network.observations.iter().enumerate() {
-            if images[seen.image] && points[seen.point] {
-                of_image[seen.image].push(index);
-                of_point[seen.point].push(index);
-            }
+        for (index, seen) in usable.seen(network) {
+            of_image[seen.image].push(index);
+            of_point[seen.point].push(index);
         }
         let rays = Rays {
             network,
@@ -89,23 +89,27 @@ impl Starts {
             of_point,
         };
         starts.intersect(&rays);
-        let is_open =
-            |starts: &Self| (0..images.len()).any(|i| images[i] && starts.poses[i].is_none());
-        if is_open(&starts) && !starts.resect(&rays) && starts.poses.iter().all(Option::is_none) {
+        let is_open = (0..images.len()).any(|i| images[i] && starts.poses[i].is_none());
+        if is_open && !starts.resect(&rays) && starts.poses.iter().all(Option::is_none) {
             starts.orient_pair(&rays);
         }
-        starts.intersect(&rays);
-        while is_open(&starts) && starts.resect(&rays) {
-            starts.intersect(&rays);
-        }
+        starts.complete(&rays);
         starts
+    }
+
+    /// Coordinates and poses in turn, until nothing more is found.
+    fn complete(&mut self, rays: &Rays) {
+        self.intersect(rays);
+        while self.resect(rays) {
+            self.intersect(rays);
+        }
     }
 
     /// Poses of images that have none, by their points with coordinates; whether there was one.
     fn resect(&mut self, rays: &Rays) -> bool {
         let mut found = false;
         for image in 0..self.poses.len() {
-            if self.poses[image].is_none() {
+            if self.poses[image].is_none() && !rays.of_image[image].is_empty() {
                 self.poses[image] = self.resected(rays, image);
                 found |= self.poses[image].is_some();
             }
@@ -164,8 +168,10 @@ impl Starts {
         }
     }
 
-    /// The relative orientation of two images, the base of length 1 beginning at the origin, where nothing at all is known.
+    /// The relative orientation of two images, the base of length 1 beginning at the origin, where nothing at all is known: of
+    /// flat points it may have two solutions, and of those and of the next pairs the one with which all rays agree best is taken.
     fn orient_pair(&mut self, rays: &Rays) {
+        let mut best: Option<(f64, Self)> = None;
         for (images, pixels) in pairs(rays) {
             let cameras = images.map(|image| rays.camera(image));
             let found = TOLERANCES_PX.iter().find_map(|&tolerance_px| {
@@ -174,20 +180,71 @@ impl Starts {
                     seed: SEED,
                     ..RelativeSettings::default()
                 };
-                let found = relative_orientation(cameras, &pixels, &settings).ok()?.best;
-                (found.inlier_count as f64 >= SHARE_TO_AGREE * pixels.len() as f64).then_some(found)
+                let found = relative_orientation(cameras, &pixels, &settings).ok()?;
+                let agreeing = found.best.inlier_count as f64;
+                (agreeing >= SHARE_TO_AGREE * pixels.len() as f64).then_some(found)
             });
-            if let Some(found) = found {
-                let first = Pose {
+            let Some(found) = found else { continue };
+            for second in [Some(found.best), found.alternative].into_iter().flatten() {
+                let mut trial = self.clone();
+                trial.poses[images[0]] = Some(Pose {
                     camera_from_world: Rotation3::identity(),
                     centre_in_world: Vector3::zeros(),
-                };
-                self.poses[images[0]] = Some(first);
-                self.poses[images[1]] = Some(found.second);
-                return;
+                });
+                trial.poses[images[1]] = Some(second.second);
+                trial.complete(rays);
+                let misfit = trial.misfit(rays);
+                if best.as_ref().is_none_or(|(least, _)| misfit < *least) {
+                    best = Some((misfit, trial));
+                }
+            }
+            if best
+                .as_ref()
+                .is_some_and(|(_, trial)| trial.is_complete(rays))
+            {
+                break;
             }
         }
+        if let Some((_, trial)) = best {
+            *self = trial;
+        }
     }
+
+    fn is_complete(&self, rays: &Rays) -> bool {
+        let mut images = rays.of_image.iter().zip(&self.poses);
+        images.all(|(seen, pose)| seen.is_empty() || pose.is_some())
+    }
+
+    /// Mean distance of the image points from where the starts put them, px; one that is farther away than the largest tolerance,
+    /// or has no start, counts as that.
+    fn misfit(&self, rays: &Rays) -> f64 {
+        let largest = TOLERANCES_PX[TOLERANCES_PX.len() - 1];
+        let distance = |&index: &usize| {
+            let seen = &rays.network.observations[index];
+            let pose = self.poses[seen.image].as_ref()?;
+            let place = pose.camera_from_point(self.positions[seen.point].as_ref()?);
+            let pixel = rays.camera(seen.image).project(&place)?;
+            Some((pixel - rays.pixel(index)).norm().min(largest))
+        };
+        let all = rays.of_image.iter().flatten();
+        let sum: f64 = all.map(|index| distance(index).unwrap_or(largest)).sum();
+        let count: usize = rays.of_image.iter().map(Vec::len).sum();
+        sum / count.max(1) as f64
+    }
+}
+
+/// Where a point is by its known coordinates, else by its start.
+fn place(network: &PlainNetwork, usable: &Usable, point: usize) -> Option<Vector3<f64>> {
+    let of_point = &network.points[point];
+    let start = of_point.start.filter(|_| usable.point_starts[point]);
+    let coordinate = |axis: usize| {
+        let believed = usable.known[point][axis] && of_point.role == PointRole::Control;
+        let known = of_point.known[axis].filter(|_| believed);
+        known
+            .map(|known| known.value_mm)
+            .or_else(|| Some(start.as_ref()?[axis]))
+    };
+    Some(Vector3::new(coordinate(0)?, coordinate(1)?, coordinate(2)?))
 }
 
 /// The pairs of images with most points in common, the best first.

@@ -1,56 +1,102 @@
 //! What of a network can be adjusted, and why the rest cannot.
 
-use std::collections::BTreeMap;
-
-use super::{PlainNetwork, PlainPoint, PointRole};
+use super::contradictions::Contradiction;
+use super::doubtful::usable_observations;
+use super::{PlainDatum, PlainNetwork, PlainObservation, PointRole};
 
 /// Fewest points that a pose needs.
 const POINTS_OF_AN_IMAGE: usize = 3;
 
 /// Names that are told of many; more do not help anybody.
-const NAMES: usize = 6;
+pub(super) const NAMES: usize = 6;
 
-/// Images and points that take part, and one line for everything that does not.
+/// What takes part, and one line for everything that does not. Lists are in the order of the network's.
 pub(super) struct Usable {
     pub(super) images: Vec<bool>,
     pub(super) points: Vec<bool>,
+    pub(super) observations: Vec<bool>,
+    pub(super) distances: Vec<bool>,
+    /// Known coordinates that are believed; of a control point they enter the adjustment.
+    pub(super) known: Vec<[bool; 3]>,
+    /// Known camera parameters that are believed; of a weighted parameter they enter the adjustment.
+    pub(super) known_parameters: Vec<[bool; 10]>,
+    /// Camera parameters that are held at their values though they are free.
+    pub(super) held: Vec<[bool; 10]>,
+    /// Given starts of images and of points that are believed.
+    pub(super) image_starts: Vec<bool>,
+    pub(super) point_starts: Vec<bool>,
+    pub(super) datum: PlainDatum,
+    /// Known values that contradict everything else, as far as they were found.
+    pub(super) contradictions: Vec<Contradiction>,
     pub(super) told: Vec<String>,
 }
 
 impl Usable {
     pub(super) fn of(network: &PlainNetwork) -> Self {
-        let mut usable = Self {
-            images: vec![true; network.images.len()],
-            points: vec![true; network.points.len()],
-            told: Vec::new(),
-        };
+        let mut told = Vec::new();
         for (index, camera) in network.cameras.iter().enumerate() {
             if !network.images.iter().any(|image| image.camera == index) {
-                usable
-                    .told
-                    .push(format!("camera '{}': found no image of it", camera.name));
+                told.push(format!("camera '{}': found no image of it", camera.name));
             }
         }
-        usable.settle(network);
-        usable.keep_largest_block(network);
+        let (images, points) = (network.images.len(), network.points.len());
+        let mut usable = Self {
+            images: vec![true; images],
+            points: vec![true; points],
+            observations: usable_observations(network, &mut told),
+            distances: vec![true; network.distances.len()],
+            known: vec![[true; 3]; points],
+            known_parameters: vec![[true; 10]; network.cameras.len()],
+            held: vec![[false; 10]; network.cameras.len()],
+            image_starts: vec![true; images],
+            point_starts: vec![true; points],
+            datum: network.datum.clone(),
+            contradictions: Vec::new(),
+            told,
+        };
         usable.settle(network);
         usable
     }
 
-    /// Leaves out what has too few rays until nothing more falls away.
+    /// Leaves out what has too few rays or hangs together with nothing, until nothing more falls away.
     pub(super) fn settle(&mut self, network: &PlainNetwork) {
+        self.leave_out_thin(network);
+        self.keep_what_hangs_together(network);
+        self.leave_out_thin(network);
+    }
+
+    pub(super) fn is_seen(&self, seen: &PlainObservation, index: usize) -> bool {
+        self.observations[index] && self.images[seen.image] && self.points[seen.point]
+    }
+
+    /// The observations that take part, with their places in the network's list.
+    pub(super) fn seen<'a>(
+        &'a self,
+        network: &'a PlainNetwork,
+    ) -> impl Iterator<Item = (usize, &'a PlainObservation)> {
+        let all = network.observations.iter().enumerate();
+        all.filter(|(index, seen)| self.is_seen(seen, *index))
+    }
+
+    /// Whether all three coordinates of a point are known and used.
+    pub(super) fn is_known(&self, network: &PlainNetwork, point: usize) -> bool {
+        let of_point = &network.points[point];
+        let believed = self.known[point];
+        of_point.role == PointRole::Control
+            && (0..3).all(|axis| believed[axis] && of_point.known[axis].is_some())
+    }
+
+    fn leave_out_thin(&mut self, network: &PlainNetwork) {
         loop {
             let mut of_image = vec![0; self.images.len()];
             let mut of_point = vec![0; self.points.len()];
-            for seen in &network.observations {
-                if self.images[seen.image] && self.points[seen.point] {
-                    of_image[seen.image] += 1;
-                    of_point[seen.point] += 1;
-                }
+            for (_, seen) in self.seen(network) {
+                of_image[seen.image] += 1;
+                of_point[seen.point] += 1;
             }
             let mut changed = false;
             for (index, point) in network.points.iter().enumerate() {
-                let needed = if point.is_known() { 0 } else { 2 };
+                let needed = if self.is_known(network, index) { 0 } else { 2 };
                 if self.points[index] && of_point[index] < needed {
                     self.points[index] = false;
                     changed = true;
@@ -75,57 +121,6 @@ impl Usable {
             }
         }
     }
-
-    /// Of blocks that share no point, nor hang together by known coordinates, the one with most rays stays.
-    fn keep_largest_block(&mut self, network: &PlainNetwork) {
-        let images = self.images.len();
-        // Images, then points, then one for all that is known.
-        let known = images + self.points.len();
-        let mut parent: Vec<usize> = (0..=known).collect();
-        let mut rays: BTreeMap<usize, usize> = BTreeMap::new();
-        let taking_part =
-            |seen: &&super::PlainObservation| self.images[seen.image] && self.points[seen.point];
-        for seen in network.observations.iter().filter(taking_part) {
-            join(&mut parent, seen.image, images + seen.point);
-            if network.points[seen.point].is_known() {
-                join(&mut parent, images + seen.point, known);
-            }
-        }
-        for seen in network.observations.iter().filter(taking_part) {
-            *rays.entry(root(&mut parent, seen.image)).or_default() += 1;
-        }
-        let Some((&largest, _)) = rays
-            .iter()
-            .max_by_key(|(block, rays)| (**rays, std::cmp::Reverse(**block)))
-        else {
-            return;
-        };
-        let mut blocks: BTreeMap<usize, Vec<&str>> = BTreeMap::new();
-        for (index, image) in network.images.iter().enumerate() {
-            let block = root(&mut parent, index);
-            if self.images[index] && block != largest {
-                blocks.entry(block).or_default().push(&image.name);
-                self.images[index] = false;
-            }
-        }
-        for index in 0..self.points.len() {
-            let in_block = root(&mut parent, images + index) == largest;
-            self.points[index] &= in_block || network.points[index].is_known();
-        }
-        for names in blocks.values() {
-            self.told.push(format!(
-                "{}: found no point in common with the other images, left out: a block of its own",
-                listed("image", names)
-            ));
-        }
-    }
-}
-
-impl PlainPoint {
-    /// Whether all three coordinates are known and used.
-    pub(super) fn is_known(&self) -> bool {
-        self.role == PointRole::Control && self.known.iter().all(Option::is_some)
-    }
 }
 
 /// Things by their names, the first few of many.
@@ -143,17 +138,4 @@ pub(super) fn listed(kind: &str, names: &[&str]) -> String {
         String::new()
     };
     format!("{kind}{plural} {}{rest}", shown.join(", "))
-}
-
-fn root(parent: &mut [usize], mut at: usize) -> usize {
-    while parent[at] != at {
-        parent[at] = parent[parent[at]];
-        at = parent[at];
-    }
-    at
-}
-
-fn join(parent: &mut [usize], one: usize, other: usize) {
-    let (one, other) = (root(parent, one), root(parent, other));
-    parent[one.max(other)] = one.min(other);
 }

@@ -34,7 +34,7 @@ pub use export::{NoFigures, export_cameras, export_observations, export_points, 
 pub use file::{WriteError, write_file};
 pub use overlay::overlay;
 pub use plain_network::{
-    CameraRow, DistanceRow, ImageRow, ObservationRow, ParameterRow, PlainReport, PointRow,
+    CameraRow, DistanceRow, ImageRow, KnownRow, ObservationRow, ParameterRow, PlainReport, PointRow,
 };
 pub use sheet_pdf::sheet_pdf;
 pub use sheet_svg::sheet_svg;

@@ -8,7 +8,9 @@ use crate::adjustment::ObservationStatus;
 use crate::camera::INTERIOR_NAMES;
 use crate::geometry::OmegaPhiKappa;
 use crate::network::reason_of_length;
-use crate::plain_network::{PlainAdjustment, PlainDatum, PlainNetwork, PlainParameter};
+use crate::plain_network::{
+    HeldParameter, PlainAdjustment, PlainDatum, PlainNetwork, PlainParameter,
+};
 
 /// What `adjust --json` tells.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -41,6 +43,8 @@ pub struct PlainReport {
     pub points: Vec<PointRow>,
     /// Distances that took part.
     pub distances: Vec<DistanceRow>,
+    /// Known coordinates that took part.
+    pub known_coordinates: Vec<KnownRow>,
     /// Image points that took part or were rejected.
     pub image_points: Vec<ObservationRow>,
     /// What could not take part or should be known.
@@ -65,8 +69,14 @@ pub struct ParameterRow {
     pub value: f64,
     /// Its standard deviation; 0 where it was held.
     pub sigma: f64,
-    /// `free`, `weighted` or `fixed`.
+    /// `free`, `weighted`, `fixed`, or `held` where the observations do not determine a free one.
     pub state: &'static str,
+    /// Of a weighted one: computed minus known.
+    pub residual: Option<f64>,
+    /// Of a weighted one: redundancy number.
+    pub redundancy: Option<f64>,
+    /// Of a weighted one: normalised residual w (Baarda, 1968).
+    pub test: Option<f64>,
 }
 
 /// An image.
@@ -119,6 +129,21 @@ pub struct DistanceRow {
     pub test: f64,
 }
 
+/// A known coordinate.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct KnownRow {
+    /// Its point.
+    pub point: String,
+    /// `x`, `y` or `z`.
+    pub axis: &'static str,
+    /// Computed minus known, mm.
+    pub residual_mm: f64,
+    /// Redundancy number.
+    pub redundancy: f64,
+    /// Normalised residual w (Baarda, 1968).
+    pub test: f64,
+}
+
 /// An image point.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ObservationRow {
@@ -152,15 +177,23 @@ impl PlainReport {
             .map(|camera| {
                 let own = &network.cameras[camera];
                 let values = a.cameras[camera].camera.interior.to_vector();
-                let parameter = |k: usize| ParameterRow {
-                    name: INTERIOR_NAMES[k],
-                    value: values[k],
-                    sigma: a.cameras[camera].covariance[(k, k)].max(0.0).sqrt(),
-                    state: match own.parameters[k] {
-                        PlainParameter::Fixed => "fixed",
-                        PlainParameter::Free => "free",
-                        PlainParameter::Weighted { .. } => "weighted",
-                    },
+                let held = |parameter: usize| HeldParameter { camera, parameter };
+                let parameter = |k: usize| {
+                    let known = a.cameras[camera].known[k];
+                    ParameterRow {
+                        name: INTERIOR_NAMES[k],
+                        value: values[k],
+                        sigma: a.cameras[camera].covariance[(k, k)].max(0.0).sqrt(),
+                        state: match own.parameters[k] {
+                            PlainParameter::Fixed => "fixed",
+                            _ if adjusted.held.contains(&held(k)) => "held",
+                            PlainParameter::Weighted { .. } if known.is_some() => "weighted",
+                            _ => "free",
+                        },
+                        residual: known.map(|known| known.residual),
+                        redundancy: known.map(|known| known.redundancy),
+                        test: known.map(|known| known.normalised),
+                    }
                 };
                 CameraRow {
                     camera: own.name.clone(),
@@ -217,6 +250,20 @@ impl PlainReport {
                     test: own.normalised,
                 })
             });
+        let points_in_turn = adjusted.points.iter().zip(&a.points);
+        let known_coordinates = points_in_turn.flat_map(|(&index, point)| {
+            let rows = ["x", "y", "z"].into_iter().zip(point.known);
+            rows.filter_map(move |(axis, known)| {
+                let known = known?;
+                Some(KnownRow {
+                    point: network.points[index].name.clone(),
+                    axis,
+                    residual_mm: known.residual,
+                    redundancy: known.redundancy,
+                    test: known.normalised,
+                })
+            })
+        });
         let rows = adjusted.observations.iter().zip(&a.observations);
         let image_points = rows.map(|(&index, own)| ObservationRow {
             image: network.images[network.observations[index].image]
@@ -251,6 +298,7 @@ impl PlainReport {
             images: images.collect(),
             points: points.collect(),
             distances: distances.collect(),
+            known_coordinates: known_coordinates.collect(),
             image_points: image_points.collect(),
             findings: adjusted.told.clone(),
         }
@@ -292,7 +340,13 @@ impl PlainReport {
             writeln!(text, "\ncamera '{}'", camera.camera)?;
             for row in &camera.parameters {
                 match row.state {
-                    "fixed" => writeln!(text, "  {:<3} {:>15.7e}  fixed", row.name, row.value)?,
+                    "fixed" | "held" => {
+                        writeln!(
+                            text,
+                            "  {:<3} {:>15.7e}  {}",
+                            row.name, row.value, row.state
+                        )?;
+                    }
                     state => writeln!(
                         text,
                         "  {:<3} {:>15.7e} +- {:.2e}  {state}",

@@ -3,6 +3,8 @@
 // Every test file uses a part of this.
 #![allow(dead_code, unreachable_pub)]
 
+pub mod rays;
+
 use std::fs;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
