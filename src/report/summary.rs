@@ -54,8 +54,8 @@ pub struct RunSummary {
     pub scale_from: Option<ScaleSource>,
     /// What the stages noticed.
     pub findings: Vec<FindingReport>,
-    /// Scale bars of the adjustment.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
+    /// Scale bars of the adjustment; in JSON where temperatures are known of one.
+    #[serde(skip_serializing_if = "are_as_calibrated")]
     pub bars: Vec<BarReport>,
     #[serde(skip)]
     datum: Option<String>,
@@ -79,6 +79,11 @@ pub struct BarReport {
     pub difference_mm: f64,
     /// Normalised residual; none for a check bar.
     pub test: Option<f64>,
+}
+
+/// Whether no bar is used with another length than the calibrated one.
+fn are_as_calibrated(bars: &[BarReport]) -> bool {
+    bars.iter().all(|bar| bar.reason.is_none())
 }
 
 /// A finding with names in place of ids.
@@ -345,6 +350,15 @@ mod tests {
         let lines = "bar           steel: 1000.1150 mm, off by +0.0023 mm, |w| 0.7
               calibrated 1000.0000 mm: bar at 30 C, 11.5e-6/K from 20 C\n";
         assert!(text.contains(lines), "{text}");
+        let json = serde_json::to_string(&RunSummary::new(&network, &RUNS)).unwrap();
+        assert!(
+            json.contains(r#""bars":[{"name":"steel","length_mm":1000.1"#),
+            "{json}"
+        );
+        let bars = std::sync::Arc::make_mut(&mut network.scale_bars);
+        bars[0].expansion = None;
+        let json = serde_json::to_string(&RunSummary::new(&network, &RUNS)).unwrap();
+        assert!(!json.contains("bars"), "{json}");
     }
 
     #[test]
