@@ -4,10 +4,12 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use clap::{ArgGroup, Args, Parser, Subcommand};
+use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
+use tiepoint::adjustment::OutlierTest;
 use tiepoint::commands::{self, CommandError, Failure};
 use tiepoint::monitor::Monitor;
 use tiepoint::network::Stage;
+use tiepoint::plain_network::Weights;
 use tiepoint::targets::Family;
 use tiepoint::targets::sheet::{IdList, SheetSettings, Tone};
 use tiepoint::ui::window::{self, Beginning, WindowError};
@@ -120,9 +122,45 @@ struct AdjustArguments {
     /// Reject image points whose |w| exceeds this, one at a time; without it all are used.
     #[arg(long, value_name = "W", num_args = 0..=1, default_missing_value = "4")]
     reject: Option<f64>,
+    /// What |w| is compared with: its robust scale, the given standard deviations (w), or sigma0 (Pope's tau).
+    #[arg(long, value_enum, default_value_t = Test::Robust)]
+    test: Test,
+    /// Multiply the standard deviations of image points (by camera) and of distances by their variance components.
+    #[arg(long)]
+    components: bool,
+    /// What the coordinates refer to: all, control, or names of points separated by commas; without it as the file says.
+    #[arg(long, value_name = "POINTS")]
+    datum: Option<String>,
+    /// Tell the distance of two points with its standard deviation; may be given several times.
+    #[arg(long, value_name = "A,B")]
+    distance: Vec<String>,
+    /// Tell the angle at the second of three points; may be given several times.
+    #[arg(long, value_name = "A,B,C")]
+    angle: Vec<String>,
+    /// Write the whole covariance matrix to this file (CSV).
+    #[arg(long, value_name = "FILE")]
+    covariance: Option<PathBuf>,
     /// Print the result as JSON.
     #[arg(long)]
     json: bool,
+}
+
+/// How gross errors are told.
+#[derive(Clone, Copy, ValueEnum)]
+enum Test {
+    Robust,
+    W,
+    Tau,
+}
+
+impl From<Test> for OutlierTest {
+    fn from(test: Test) -> Self {
+        match test {
+            Test::Robust => Self::RobustScale,
+            Test::W => Self::APriori,
+            Test::Tau => Self::APosteriori,
+        }
+    }
 }
 
 #[derive(Args)]
@@ -380,6 +418,16 @@ fn run(command: Command, monitor: &Monitor) -> Result<(), CommandError> {
             &commands::AdjustRequest {
                 network: adjust.network,
                 reject: adjust.reject,
+                test: adjust.test.into(),
+                weights: if adjust.components {
+                    Weights::FromResiduals
+                } else {
+                    Weights::AsGiven
+                },
+                datum: adjust.datum,
+                distances: adjust.distance,
+                angles: adjust.angle,
+                covariance: adjust.covariance,
             },
             commands::Form::of_json(adjust.json),
             monitor,

@@ -4,7 +4,7 @@
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use rayon::prelude::*;
 
-use super::datum::{FreeMotions, move_onto_datum};
+use super::datum::{FreeMotions, apply, move_onto_datum};
 use super::equations::{Equations, State};
 use super::factor::Factor;
 use super::frame::{STransformation, hold, move_adjustment};
@@ -100,6 +100,20 @@ impl SolvedNetwork {
             onto_datum: Similarity::identity(),
             into_frame,
         })
+    }
+
+    /// The equations of an adjustment that was made of this problem.
+    ///
+    /// # Errors
+    /// As the adjustment.
+    pub fn of(problem: BundleProblem, adjustment: &Adjustment) -> Result<Self, AdjustmentError> {
+        let layout = Layout::new(&problem)?;
+        let mut state = State::of(adjustment);
+        if let Some(motion) = &adjustment.motion {
+            apply(&motion.inverse(), &mut state);
+        }
+        let (iterations, termination) = (adjustment.iterations, adjustment.termination);
+        Self::new(problem, layout, state, iterations, termination)
     }
 
     /// The estimates with their statistics, in the chosen datum and frame.

@@ -4,10 +4,12 @@ use std::path::{Path, PathBuf};
 
 use super::terminal::show;
 use super::{CommandError, Form};
-use crate::adjustment::RejectionSettings;
+use crate::adjustment::{OutlierTest, RejectionSettings};
 use crate::monitor::Monitor;
-use crate::plain_network::{NamedText, PlainError, PlainSettings, from_json};
-use crate::report::PlainReport;
+use crate::plain_network::{
+    DatumPoints, NamedText, PlainDatum, PlainError, PlainNetwork, PlainSettings, Weights, from_json,
+};
+use crate::report::{PlainAnswers, PlainReport, Question, asks, covariance_csv, write_file};
 
 /// Which network to adjust, and how.
 #[derive(Clone, Debug)]
@@ -16,6 +18,18 @@ pub struct AdjustRequest {
     pub network: PathBuf,
     /// Reject image points whose |w| exceeds this; `None`: all are used.
     pub reject: Option<f64>,
+    /// What |w| is compared with.
+    pub test: OutlierTest,
+    /// Where the weights come from.
+    pub weights: Weights,
+    /// What the coordinates refer to, in place of what the file says: `all`, `control`, or names of points.
+    pub datum: Option<String>,
+    /// Pairs of points whose distance is asked for, `A,B`.
+    pub distances: Vec<String>,
+    /// Triples of points whose angle at the second is asked for, `A,B,C`.
+    pub angles: Vec<String>,
+    /// File for the whole covariance matrix (CSV).
+    pub covariance: Option<PathBuf>,
 }
 
 /// Adjusts a network and prints the result.
@@ -25,13 +39,14 @@ pub struct AdjustRequest {
 pub fn adjust(request: &AdjustRequest, form: Form, monitor: &Monitor) -> Result<(), CommandError> {
     let text = read(&request.network)?;
     let name = request.network.to_string_lossy();
-    let network = from_json(NamedText {
+    let mut network = from_json(NamedText {
         file: &name,
         text: &text,
     })
     .map_err(|error| CommandError::input(error.to_string()))?;
     let rejection = match request.reject {
         Some(critical) if critical.is_finite() && critical > 0.0 => Some(RejectionSettings {
+            test: request.test,
             critical,
             restore: RejectionSettings::default().restore.min(critical),
             ..RejectionSettings::default()
@@ -43,8 +58,13 @@ pub fn adjust(request: &AdjustRequest, form: Form, monitor: &Monitor) -> Result<
         }
         None => None,
     };
+    if let Some(datum) = &request.datum {
+        network.datum = datum_of(&network, datum)?;
+    }
+    let questions = questions(&network, request)?;
     let settings = PlainSettings {
         rejection,
+        weights: request.weights,
         ..PlainSettings::default()
     };
     let adjusted = network
@@ -53,7 +73,18 @@ pub fn adjust(request: &AdjustRequest, form: Form, monitor: &Monitor) -> Result<
             PlainError::Interrupted => CommandError::interrupted(),
             other => CommandError::work(format!("{name}: {other}")),
         })?;
-    let report = PlainReport::new(&network, &adjusted);
+    let mut report = PlainReport::new(&network, &adjusted);
+    if asks(&network, &questions) || request.covariance.is_some() {
+        let solved = adjusted
+            .solved()
+            .map_err(|error| CommandError::work(format!("{name}: {error}")))?;
+        report.answers = PlainAnswers::new(&network, &adjusted, &solved, &questions)
+            .map_err(|error| CommandError::input(error.to_string()))?;
+        if let Some(file) = &request.covariance {
+            let csv = covariance_csv(&network, &adjusted, &solved);
+            write_file(file, csv.as_bytes())?;
+        }
+    }
     match form {
         Form::Json => {
             let json = serde_json::to_string_pretty(&report)
@@ -62,6 +93,63 @@ pub fn adjust(request: &AdjustRequest, form: Form, monitor: &Monitor) -> Result<
         }
         Form::Text => show(&report.text()),
     }
+}
+
+/// The datum in the operator's words.
+fn datum_of(network: &PlainNetwork, words: &str) -> Result<PlainDatum, CommandError> {
+    Ok(match words {
+        "all" => PlainDatum::InnerConstraints(DatumPoints::All),
+        "control" => PlainDatum::Control,
+        names => {
+            let points: Result<Vec<usize>, _> = names
+                .split(',')
+                .map(|name| point_of(network, "--datum", name))
+                .collect();
+            PlainDatum::InnerConstraints(DatumPoints::Listed(points?))
+        }
+    })
+}
+
+fn questions(
+    network: &PlainNetwork,
+    request: &AdjustRequest,
+) -> Result<Vec<Question>, CommandError> {
+    let mut questions = Vec::new();
+    for words in &request.distances {
+        questions.push(Question::Distance(points_of(network, "--distance", words)?));
+    }
+    for words in &request.angles {
+        questions.push(Question::Angle(points_of(network, "--angle", words)?));
+    }
+    Ok(questions)
+}
+
+/// The points of so many names, separated by commas.
+fn points_of<const COUNT: usize>(
+    network: &PlainNetwork,
+    option: &str,
+    words: &str,
+) -> Result<[usize; COUNT], CommandError> {
+    let points: Result<Vec<usize>, _> = words
+        .split(',')
+        .map(|name| point_of(network, option, name))
+        .collect();
+    points?.try_into().map_err(|found: Vec<usize>| {
+        CommandError::input(format!(
+            "{option}: found {} names in '{words}', expected {COUNT} separated by commas",
+            found.len()
+        ))
+    })
+}
+
+fn point_of(network: &PlainNetwork, option: &str, name: &str) -> Result<usize, CommandError> {
+    let name = name.trim();
+    let place = network.points.iter().position(|point| point.name == name);
+    place.ok_or_else(|| {
+        CommandError::input(format!(
+            "{option}: found no point '{name}' in the network, expected the name of one"
+        ))
+    })
 }
 
 fn read(path: &Path) -> Result<String, CommandError> {

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Vector2, Vector3};
 
+use super::components::{GroupComponent, Weights, components};
 use super::contradictions::{Contradiction, Search, Start};
 use super::repair::{Failure, Repair};
 use super::shape::{PrincipalDistance, Shape, hopeless_shape};
@@ -14,7 +15,7 @@ use super::{DatumPoints, Known, PlainCamera, PlainDatum, PlainNetwork, PlainPara
 use crate::adjustment::{
     Adjustment, AdjustmentError, BundleProblem, BundleSettings, CameraBlock, CoordinatePrior,
     Datum, DistanceObservation, ImageObservation, ParameterState, PointBlock, RejectedObservation,
-    RejectionSettings, StationBlock, adjust, adjust_with_rejection,
+    RejectionSettings, SolvedNetwork, StationBlock, adjust, adjust_with_rejection,
 };
 use crate::camera::{Camera, InteriorOrientation};
 use crate::monitor::Monitor;
@@ -28,6 +29,8 @@ pub struct PlainSettings {
     /// What counts as a gross error; `None`: every observation and every known value is used, and known values that contradict
     /// everything else are told only.
     pub rejection: Option<RejectionSettings>,
+    /// Where the weights of image points and distances come from.
+    pub weights: Weights,
 }
 
 /// An adjusted network: the adjustment's lists refer to the entries of the network by these indices.
@@ -50,8 +53,12 @@ pub struct PlainAdjustment {
     /// Known values that contradict everything else, the worst first; with rejection those are left out of which it is known that
     /// they are wrong.
     pub contradictions: Vec<Contradiction>,
+    /// How exact each group of observations is by its own residuals.
+    pub components: Vec<GroupComponent>,
     /// What could not take part or should be known, one line each.
     pub told: Vec<String>,
+    /// What was adjusted.
+    problem: BundleProblem,
 }
 
 /// A camera parameter that was held at its value.
@@ -127,9 +134,27 @@ pub(super) struct Part {
 }
 
 /// What came of one adjustment of a part.
-struct Adjusted {
-    adjustment: Adjustment,
-    rejected: Vec<RejectedObservation>,
+pub(super) struct Adjusted {
+    pub(super) adjustment: Adjustment,
+    pub(super) rejected: Vec<RejectedObservation>,
+}
+
+impl PlainAdjustment {
+    /// The solved equations, for covariances, derived quantities and other datums; indices are those of the adjustment's lists.
+    ///
+    /// Cost: one factorisation and inverse of the normal equations.
+    ///
+    /// # Errors
+    /// As the adjustment.
+    pub fn solved(&self) -> Result<SolvedNetwork, AdjustmentError> {
+        SolvedNetwork::of(self.problem.clone(), &self.adjustment)
+    }
+
+    /// What was adjusted, with the rejected observations and the standard deviations that were used.
+    #[must_use]
+    pub fn problem(&self) -> &BundleProblem {
+        &self.problem
+    }
 }
 
 impl PlainNetwork {
@@ -153,7 +178,7 @@ impl PlainNetwork {
             self.leave_out_unknown(&mut usable, &starts);
             usable.settle(self);
             let because = |error| hopeless.clone().map_or(error, PlainError::Failed);
-            let part = self.part(&usable, &starts).map_err(because)?;
+            let mut part = self.part(&usable, &starts).map_err(because)?;
             let search = Search::of(&part, settings, monitor);
             let in_words = |error| self.in_words(&part, error);
             if let (false, Some(rejection)) = (contradictions_sought, &settings.rejection) {
@@ -164,13 +189,27 @@ impl PlainNetwork {
                 }
             }
             let error = match adjust_part(&part, settings, monitor) {
-                Ok(adjusted) => {
+                Ok(mut adjusted) => {
                     if settings.rejection.is_none() {
                         let result = Start::Result(&adjusted.adjustment);
                         let found = search.contradictions(result, &BTreeSet::new());
                         self.tell_contradictions(&mut usable, &search, found.map_err(in_words)?);
                     }
-                    return Ok(self.concluded(part, adjusted, usable));
+                    let rejected = adjusted.rejected.iter().map(|r| r.index);
+                    part.problem.rejected.extend(rejected);
+                    let components = components(
+                        self,
+                        &mut part,
+                        &mut adjusted,
+                        settings.weights,
+                        settings.bundle,
+                        monitor,
+                    );
+                    let components = match components {
+                        Ok(components) => components,
+                        Err(error) => return Err(self.in_words(&part, error)),
+                    };
+                    return Ok(self.concluded(part, adjusted, components, usable));
                 }
                 Err(error) => error,
             };
@@ -228,7 +267,13 @@ impl PlainNetwork {
         hopeless_shape(&points, &stations)
     }
 
-    fn concluded(&self, part: Part, adjusted: Adjusted, mut usable: Usable) -> PlainAdjustment {
+    fn concluded(
+        &self,
+        part: Part,
+        adjusted: Adjusted,
+        components: Vec<GroupComponent>,
+        mut usable: Usable,
+    ) -> PlainAdjustment {
         let Adjusted {
             adjustment,
             rejected,
@@ -262,7 +307,9 @@ impl PlainNetwork {
             rejected,
             held: held.collect(),
             contradictions: usable.contradictions,
+            components,
             told: usable.told,
+            problem: part.problem,
         }
     }
 

@@ -15,7 +15,9 @@ mod file;
 #[cfg(test)]
 pub(crate) mod fixture;
 mod overlay;
+mod plain_answers;
 mod plain_network;
+mod plain_reliability;
 mod sheet_pdf;
 mod sheet_svg;
 mod summary;
@@ -33,9 +35,14 @@ pub use detect::{DetectReport, detect_line};
 pub use export::{NoFigures, export_cameras, export_observations, export_points, export_stations};
 pub use file::{WriteError, write_file};
 pub use overlay::overlay;
+pub use plain_answers::{
+    CheckDistanceRow, CheckPointRow, DerivedRow, NoSuchPoint, PlainAnswers, Question, asks,
+    covariance_csv,
+};
 pub use plain_network::{
     CameraRow, DistanceRow, ImageRow, KnownRow, ObservationRow, ParameterRow, PlainReport, PointRow,
 };
+pub use plain_reliability::{ComponentRow, ReliabilityReport, Sigma0Row, SignificanceRow};
 pub use sheet_pdf::sheet_pdf;
 pub use sheet_svg::sheet_svg;
 pub use summary::{BarReport, FindingReport, RunSummary, StageRun};

@@ -4,7 +4,9 @@ use std::fmt::Write;
 
 use serde::Serialize;
 
-use crate::adjustment::ObservationStatus;
+use super::plain_answers::PlainAnswers;
+use super::plain_reliability::{ReliabilityReport, SignificanceRow, significance};
+use crate::adjustment::{ErrorEllipsoid, ObservationStatus, TestPower};
 use crate::camera::INTERIOR_NAMES;
 use crate::geometry::OmegaPhiKappa;
 use crate::network::reason_of_length;
@@ -47,6 +49,11 @@ pub struct PlainReport {
     pub known_coordinates: Vec<KnownRow>,
     /// Image points that took part or were rejected.
     pub image_points: Vec<ObservationRow>,
+    /// Tests of the whole.
+    pub reliability: ReliabilityReport,
+    /// Checks, and what was asked for.
+    #[serde(flatten)]
+    pub answers: PlainAnswers,
     /// What could not take part or should be known.
     pub findings: Vec<String>,
 }
@@ -77,6 +84,9 @@ pub struct ParameterRow {
     pub redundancy: Option<f64>,
     /// Of a weighted one: normalised residual w (Baarda, 1968).
     pub test: Option<f64>,
+    /// What it is worth; none for one that was not estimated.
+    #[serde(flatten)]
+    pub significance: Option<SignificanceRow>,
 }
 
 /// An image.
@@ -105,6 +115,10 @@ pub struct PointRow {
     pub position_mm: [f64; 3],
     /// Their standard deviations, mm.
     pub sigma_mm: [f64; 3],
+    /// Half axes of the standard ellipsoid, the longest first, mm.
+    pub ellipsoid_mm: [f64; 3],
+    /// Their directions.
+    pub ellipsoid_directions: [[f64; 3]; 3],
     /// Rays used.
     pub rays: usize,
 }
@@ -157,6 +171,12 @@ pub struct ObservationRow {
     pub redundancy: [f64; 2],
     /// The larger normalised residual |w| (Baarda, 1968).
     pub test: Option<f64>,
+    /// The same over sigma0: Pope's tau (1976).
+    pub tau: Option<f64>,
+    /// Smallest errors in x and y that the test finds, px; none where nothing controls them.
+    pub smallest_detectable_px: [Option<f64>; 2],
+    /// How far errors of this size move the point, mm.
+    pub effect_mm: [Option<f64>; 2],
     /// `used` or `rejected`.
     pub status: &'static str,
 }
@@ -193,6 +213,7 @@ impl PlainReport {
                         residual: known.map(|known| known.residual),
                         redundancy: known.map(|known| known.redundancy),
                         test: known.map(|known| known.normalised),
+                        significance: significance(a, camera, k),
                     }
                 };
                 CameraRow {
@@ -225,7 +246,12 @@ impl PlainReport {
             .iter()
             .zip(&a.points)
             .filter_map(|(&index, point)| {
+                let ellipsoid = ErrorEllipsoid::of(point.covariance.as_ref()?);
+                let directions = ellipsoid.directions;
                 Some(PointRow {
+                    ellipsoid_mm: ellipsoid.half_axes_mm,
+                    ellipsoid_directions: [0, 1, 2]
+                        .map(|k| directions.column(k).into_owned().into()),
                     point: network.points[index].name.clone(),
                     position_mm: point.position.into(),
                     sigma_mm: point.sigma_mm()?.into(),
@@ -265,20 +291,33 @@ impl PlainReport {
             })
         });
         let rows = adjusted.observations.iter().zip(&a.observations);
-        let image_points = rows.map(|(&index, own)| ObservationRow {
-            image: network.images[network.observations[index].image]
-                .name
-                .clone(),
-            point: network.points[network.observations[index].point]
-                .name
-                .clone(),
-            residual_px: own.residual_px.map(Into::into),
-            redundancy: own.redundancy.into(),
-            test: own.test(),
-            status: match own.status {
-                ObservationStatus::Used => "used",
-                ObservationStatus::Rejected => "rejected",
-            },
+        let given = &adjusted.problem().observations;
+        let power = TestPower::default();
+        let image_points = rows.zip(given).map(|((&index, own), given)| {
+            let smallest =
+                [0, 1].map(|axis| power.smallest_detectable(given.sigma_px, own.redundancy[axis]));
+            let effect = [0, 1].map(|axis| Some(smallest[axis]? * own.influence_mm_per_px[axis]));
+            ObservationRow {
+                image: network.images[network.observations[index].image]
+                    .name
+                    .clone(),
+                point: network.points[network.observations[index].point]
+                    .name
+                    .clone(),
+                residual_px: own.residual_px.map(Into::into),
+                redundancy: own.redundancy.into(),
+                test: own.test(),
+                tau: own
+                    .test()
+                    .map(|w| w / a.sigma0)
+                    .filter(|tau| tau.is_finite()),
+                smallest_detectable_px: smallest,
+                effect_mm: effect,
+                status: match own.status {
+                    ObservationStatus::Used => "used",
+                    ObservationStatus::Rejected => "rejected",
+                },
+            }
         });
         Self {
             sigma0: a.sigma0,
@@ -300,6 +339,8 @@ impl PlainReport {
             distances: distances.collect(),
             known_coordinates: known_coordinates.collect(),
             image_points: image_points.collect(),
+            reliability: ReliabilityReport::new(a, &adjusted.components),
+            answers: PlainAnswers::default(),
             findings: adjusted.told.clone(),
         }
     }
@@ -336,6 +377,7 @@ impl PlainReport {
             "converged in {} steps: last change {:.1e} sigmas (threshold {:.1e})",
             self.iterations, self.convergence[0], self.convergence[1]
         )?;
+        self.reliability.write(text)?;
         for camera in &self.cameras {
             writeln!(text, "\ncamera '{}'", camera.camera)?;
             for row in &camera.parameters {
@@ -347,11 +389,17 @@ impl PlainReport {
                             row.name, row.value, row.state
                         )?;
                     }
-                    state => writeln!(
-                        text,
-                        "  {:<3} {:>15.7e} +- {:.2e}  {state}",
-                        row.name, row.value, row.sigma
-                    )?,
+                    state => {
+                        write!(
+                            text,
+                            "  {:<3} {:>15.7e} +- {:.2e}  {state}",
+                            row.name, row.value, row.sigma
+                        )?;
+                        if let Some(significance) = &row.significance {
+                            significance.write(text)?;
+                        }
+                        writeln!(text)?;
+                    }
                 }
             }
         }
@@ -385,6 +433,7 @@ impl PlainReport {
                 )?;
             }
         }
+        self.answers.write(text)?;
         self.write_tests(text)?;
         for finding in &self.findings {
             writeln!(text, "{finding}")?;
