@@ -8,6 +8,7 @@
 //!
 //! - **Normal equations.** Points are eliminated 3 x 3 at a time (Brown, 1958), which leaves a dense system of six
 //!   unknowns a station, the camera parameters and the ends of distances; Cholesky factors it, scaled to unit diagonal.
+//!   Interior parameters that change from image to image (Fraser, 1980; Maas, 1999) are unknowns of their station beside those six.
 //! - **Iteration.** Gauss-Newton; damping after Levenberg (1944) and Marquardt (1963) only while the cost would rise,
 //!   and convergence is judged on an undamped step only: its size in units of the observations' sigmas. A rise of the
 //!   cost is never convergence.
@@ -34,6 +35,7 @@ mod equations;
 mod error;
 mod factor;
 mod frame;
+mod interior;
 mod layout;
 mod normals;
 mod problem;
@@ -57,6 +59,8 @@ mod fixed_tests;
 #[cfg(test)]
 mod frame_tests;
 #[cfg(test)]
+mod interior_tests;
+#[cfg(test)]
 mod simulation;
 #[cfg(test)]
 mod tests;
@@ -65,7 +69,8 @@ pub use circle::{CircleEstimate, EllipseSight, MeasuredEllipse, estimate_circle,
 pub use error::{AdjustmentError, DatumMotion, ParameterName, ProblemPart, StationComponent};
 pub use problem::{
     BundleProblem, BundleSettings, CameraBlock, CoordinatePrior, Datum, DistanceObservation,
-    ImageObservation, ParameterState, PointBlock, ResidualPlane, RobustStart, StationBlock,
+    ImageObservation, ParameterState, PointBlock, ResidualPlane, RobustStart, Sharing,
+    StationBlock,
 };
 pub use rejection::{
     RejectedObservation, RejectionReason, RobustAdjustment, adjust_with_rejection,

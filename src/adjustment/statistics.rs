@@ -7,14 +7,14 @@ use super::datum::FreeMotions;
 use super::equations::{Equations, State};
 use super::factor::Factor;
 use super::frame::STransformation;
+use super::interior::{interior_priors, own_interior};
 use super::layout::{Layout, PointFrame};
 use super::normals::{Normals, distance_row, whitened_rows};
 use super::selected_inverse::SelectedInverse;
 use super::solver::other_squares;
 use super::{
     AdjustedCamera, AdjustedPoint, AdjustedStation, Adjustment, AdjustmentError, BundleProblem,
-    DistanceStatistics, ImageStatistics, ObservationStatus, ParameterState, Termination,
-    TerminationKind,
+    DistanceStatistics, ImageStatistics, ObservationStatus, Termination, TerminationKind,
 };
 
 /// Below this redundancy number an observation is not controlled: its normalised residual would be rounding.
@@ -54,7 +54,7 @@ pub(super) fn adjustment(
     let free = FreeMotions::of(problem, layout, state);
     let factor = Factor::new(&normals, layout, state, &free)?;
     let inverse = factor.inverse();
-    let counts = Counts::of(problem, layout, free.defect());
+    let counts = Counts::of(problem, layout, state, free.defect());
     let onto_datum = STransformation::new(free, problem, layout, state)?;
     let transformation = Transformation::new(onto_datum, layout, state, &normals, &factor);
 
@@ -126,7 +126,7 @@ struct Counts {
 }
 
 impl Counts {
-    fn of(problem: &BundleProblem, layout: &Layout, defect: usize) -> Self {
+    fn of(problem: &BundleProblem, layout: &Layout, state: &State, defect: usize) -> Self {
         let images = 2 * layout.used.iter().filter(|u| **u).count();
         let distances = layout.distance_used.iter().filter(|u| **u).count();
         let coordinates: usize = layout
@@ -134,12 +134,7 @@ impl Counts {
             .iter()
             .map(|f| problem.points[f.point].weighted_coordinates().count())
             .sum();
-        let interior = problem
-            .cameras
-            .iter()
-            .flat_map(|c| &c.parameters)
-            .filter(|p| matches!(p, ParameterState::Weighted { .. }))
-            .count();
+        let interior = interior_priors(problem, layout, state).len();
         let observations = images + distances + coordinates + interior;
         let unknowns = layout.unknowns();
         Self {
@@ -373,6 +368,7 @@ fn stations(
                 camera: problem.stations[s].camera,
                 pose: state.poses[s],
                 covariance: (cofactor + cofactor.transpose()) * (variance / 2.0),
+                interior: own_interior(layout, state, inverse, s, variance),
             }
         })
         .collect()

@@ -271,6 +271,7 @@ impl PlainNetwork {
                 } else {
                     [ParameterState::Fixed; 10]
                 },
+                sharing: camera.sharing,
             });
         let problem = BundleProblem {
             cameras: cameras.collect(),
@@ -366,6 +367,10 @@ impl PlainNetwork {
                             "{} of camera '{}'",
                             INTERIOR_NAMES[*parameter], self.cameras[*index].name
                         )
+                    }
+                    ParameterName::Image { index, parameter } => {
+                        let name = INTERIOR_NAMES[*parameter];
+                        format!("{name} of image '{}'", image(*index))
                     }
                     ParameterName::Station { index, component } => {
                         format!("{component} of image '{}'", image(*index))

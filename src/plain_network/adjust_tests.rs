@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use super::*;
+use crate::adjustment::Sharing;
 use crate::camera::LensDirection;
 use crate::geometry::{Pose, Scale, fit_similarity};
 use crate::monitor::Monitor;
@@ -19,6 +20,7 @@ fn lens(direction: LensDirection) -> PlainCamera {
         lens: direction,
         values: [24.0, 0.05, -0.03, 1e-4, -1e-7, 0.0, 1e-6, 2e-6, 1e-4, 0.0],
         parameters: [PlainParameter::Fixed; 10],
+        sharing: [Sharing::Camera; 10],
     }
 }
 
@@ -268,4 +270,79 @@ fn fixed_control_stays_where_it_is() {
         assert_eq!(found.sigma_mm(), Some(Vector3::zeros()));
     }
     assert!(largest_error(&adjusted) < 1e-4);
+}
+
+#[test]
+fn each_image_finds_its_own_principal_point_and_distance() {
+    let mut network = network(LensDirection::Correcting);
+    let shared = network.cameras[0].camera();
+    let of_image = |image: usize| {
+        let k = image as f64;
+        [
+            0.01 * (k - 3.5),
+            0.02 * (1.3 * k).sin(),
+            0.02 * (2.1 * k).cos(),
+        ]
+    };
+    for seen in &mut network.observations {
+        let mut camera = network.cameras[0].clone();
+        for (value, change) in camera.values.iter_mut().zip(of_image(seen.image)) {
+            *value += change;
+        }
+        let place = Vector3::from(network.points[seen.point].start.unwrap());
+        let pose = network.images[seen.image].start.unwrap();
+        let in_camera = pose.camera_from_point(&place);
+        let moved = camera.camera().project(&in_camera).unwrap();
+        let before = shared.project(&in_camera).unwrap();
+        seen.x_px += moved.x - before.x;
+        seen.y_px += moved.y - before.y;
+    }
+    // Without noise the known values alone pull, by a part of some 1e-3 of what they are off.
+    network.cameras[0].parameters[..3].fill(PlainParameter::Weighted { sigma: 1.0 });
+    let together = adjusted(&network).adjustment.sigma0;
+    network.cameras[0].sharing[..3].fill(Sharing::Image);
+    let adjusted = adjusted(&network);
+    let weighted = 3 * IMAGES;
+    assert_eq!(
+        adjusted.adjustment.unknown_count,
+        6 * IMAGES + weighted + 3 * 30
+    );
+    let own = adjusted.adjustment.sigma0;
+    assert!(own < 0.02 && together > 20.0 * own, "{own} {together}");
+    for (image, station) in adjusted.adjustment.stations.iter().enumerate() {
+        let interior = station.interior.as_ref().unwrap();
+        let found = interior.camera.interior.to_vector();
+        for (k, change) in of_image(image).into_iter().enumerate() {
+            let off = found[k] - network.cameras[0].values[k] - change;
+            assert!(off.abs() < 1e-3, "{k} of image {image}: {off}");
+        }
+    }
+}
+
+#[test]
+fn what_is_loose_is_named_with_its_image() {
+    let mut network = network(LensDirection::Correcting);
+    // A plane seen straight from above: a longer lens from higher up gives the same picture.
+    let camera = network.cameras[0].camera();
+    for (point, place) in network.points.iter_mut().zip(places()) {
+        point.start = Some([place.x, place.y, 0.0]);
+    }
+    for (k, image) in network.images.iter_mut().enumerate() {
+        let foot = Vector3::new(180.0 + 20.0 * k as f64, 200.0 + 15.0 * (k % 3) as f64, 0.0);
+        let from = foot + Vector3::new(0.0, 0.0, 1200.0);
+        image.start = Some(Pose::looking_at(from, foot, Vector3::y(), 1.6 * k as f64));
+    }
+    for seen in &mut network.observations {
+        let pose = network.images[seen.image].start.unwrap();
+        let place = Vector3::from(network.points[seen.point].start.unwrap());
+        let pixel = camera.project(&pose.camera_from_point(&place)).unwrap();
+        [seen.x_px, seen.y_px] = [pixel.x, pixel.y];
+    }
+    network.distances.clear();
+    network.cameras[0].parameters[0] = PlainParameter::Free;
+    network.cameras[0].sharing[0] = Sharing::Image;
+    let error = network
+        .adjust(&PlainSettings::default(), &Monitor::new())
+        .unwrap_err();
+    assert!(error.to_string().contains("c of image 'I"), "{error}");
 }
