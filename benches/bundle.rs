@@ -10,7 +10,7 @@ use std::time::Instant;
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector2, Vector3};
 use tiepoint::adjustment::{
     BundleProblem, BundleSettings, BundleSolver, CameraBlock, Datum, ImageObservation,
-    ParameterState, PointBlock, ResidualPlane, StationBlock,
+    ParameterState, PointBlock, ResidualPlane, Sharing, StationBlock,
 };
 use tiepoint::camera::{Camera, InteriorOrientation, LensDirection};
 use tiepoint::geometry::Pose;
@@ -131,6 +131,7 @@ fn problem(folder: &Path) -> BundleProblem {
                 interior,
             },
             parameters,
+            sharing: [Sharing::Camera; 10],
         }],
         stations: stations.iter().map(station).collect(),
         datum: Datum::InnerConstraints {

@@ -3,6 +3,7 @@
 use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::equations::{Equations, State};
+use super::interior::InteriorUnknown;
 use super::layout::{Layout, PointRole};
 use super::normals::distance_row;
 use super::simulation::{Simulated, bar, solve, toy};
@@ -27,8 +28,9 @@ pub(super) fn dense_design(
                 for k in 0..6 {
                     row[6 * o.station + k] = e.by_station[(axis, k)] / o.sigma_px;
                 }
-                for (k, &p) in layout.camera_free[0].iter().enumerate() {
-                    row[layout.camera_start[0] + k] = e.by_camera[(axis, p)] / o.sigma_px;
+                let shared = layout.shared_parameters(problem.stations[o.station].camera);
+                for unknown in layout.own_parameters(o.station).chain(shared) {
+                    row[unknown.at] = e.by_camera[(axis, unknown.parameter)] / o.sigma_px;
                 }
                 for (k, &of) in layout.unknown_axes[frame.point].iter().enumerate() {
                     row[start_of(frame.point) + k] = e.by_point[(axis, of)] / o.sigma_px;
@@ -51,12 +53,21 @@ pub(super) fn dense_design(
         }
         rows.push(row);
     }
-    for (k, &p) in layout.camera_free[0].iter().enumerate() {
-        if let ParameterState::Weighted { sigma, .. } = problem.cameras[0].parameters[p] {
+    let mut know = |camera: usize, unknown: InteriorUnknown| {
+        let known = problem.cameras[camera].parameters[unknown.parameter];
+        if let ParameterState::Weighted { sigma, .. } = known {
             let mut row = DVector::zeros(unknowns);
-            row[layout.camera_start[0] + k] = 1.0 / sigma;
+            row[unknown.at] = 1.0 / sigma;
             rows.push(row);
         }
+    };
+    for camera in 0..problem.cameras.len() {
+        let shared = layout.shared_parameters(camera);
+        shared.for_each(|unknown| know(camera, unknown));
+    }
+    for (s, station) in problem.stations.iter().enumerate() {
+        let own = layout.own_parameters(s);
+        own.for_each(|unknown| know(station.camera, unknown));
     }
     DMatrix::from_fn(rows.len(), unknowns, |i, j| rows[i][j])
 }
@@ -177,10 +188,31 @@ pub(super) fn agrees_with_dense_algebra(problem: &BundleProblem, defect: usize) 
             );
         }
     }
-    let free = &layout.camera_free[0];
-    let camera = &adjustment.cameras[0].covariance;
-    let block = DMatrix::from_fn(free.len(), free.len(), |i, j| camera[(free[i], free[j])]);
-    same(block, layout.camera_start[0], "camera");
+    for (c, camera) in adjustment.cameras.iter().enumerate() {
+        let free = &layout.camera_free[c];
+        let of = |i: usize, j: usize| camera.covariance[(free[i], free[j])];
+        let block = DMatrix::from_fn(free.len(), free.len(), of);
+        same(block, layout.camera_start[c], "camera");
+    }
+    for (s, station) in adjustment.stations.iter().enumerate() {
+        let Some(interior) = &station.interior else {
+            assert_eq!(layout.own_parameters(s).count(), 0);
+            continue;
+        };
+        let unknowns = || {
+            layout
+                .own_parameters(s)
+                .chain(layout.shared_parameters(station.camera))
+        };
+        for (one, other) in unknowns().flat_map(|one| unknowns().map(move |other| (one, other))) {
+            let size = (q[(one.at, one.at)] * q[(other.at, other.at)]).sqrt();
+            let own = interior.covariance[(one.parameter, other.parameter)];
+            assert!(
+                (own - q[(one.at, other.at)]).abs() < 1e-9 * size,
+                "interior of {s}"
+            );
+        }
+    }
 
     let unscaled = &q / adjustment.sigma0.powi(2);
     let hat = &a * unscaled * a.transpose();
@@ -207,7 +239,9 @@ pub(super) fn agrees_with_dense_algebra(problem: &BundleProblem, defect: usize) 
         assert!((d.redundancy - (1.0 - hat[(row, row)])).abs() < 1e-8);
         row += 1;
     }
-    for known in adjustment.cameras[0].known.iter().flatten() {
+    let shared = adjustment.cameras.iter();
+    let own = adjustment.stations.iter().flat_map(|s| &s.interior);
+    for known in shared.chain(own).flat_map(|c| c.known).flatten() {
         assert!((known.redundancy - (1.0 - hat[(row, row)])).abs() < 1e-8);
         row += 1;
     }

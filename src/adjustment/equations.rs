@@ -4,14 +4,17 @@ use nalgebra::{Matrix3, RowVector3, SMatrix, Vector2, Vector3};
 use rayon::prelude::*;
 
 use super::layout::Layout;
-use super::{Adjustment, BundleProblem, ImageObservation, ResidualPlane};
+use super::{Adjustment, BundleProblem, ImageObservation, ResidualPlane, Sharing};
 use crate::camera::{Camera, Projection};
 use crate::geometry::{Circle, Pose, skew};
 
 /// The values of all unknowns (and of what is kept fixed).
 #[derive(Clone, Debug)]
 pub(super) struct State {
+    /// Shared parameters as estimated; those that each image has for itself as they started.
     pub(super) cameras: Vec<Camera>,
+    /// By station, its camera where that has parameters for this image alone.
+    pub(super) own_cameras: Vec<Option<Camera>>,
     pub(super) poses: Vec<Pose>,
     pub(super) points: Vec<Vector3<f64>>,
     /// The circles of the points, which turn and grow with the network.
@@ -22,6 +25,15 @@ impl State {
     pub(super) fn start(problem: &BundleProblem) -> Self {
         Self {
             cameras: problem.cameras.iter().map(|c| c.camera.clone()).collect(),
+            own_cameras: problem
+                .stations
+                .iter()
+                .map(|station| {
+                    let block = problem.cameras.get(station.camera)?;
+                    let varies = !block.estimated(Sharing::Image).is_empty();
+                    varies.then(|| block.camera.clone())
+                })
+                .collect(),
             poses: problem.stations.iter().map(|s| s.pose).collect(),
             points: problem.points.iter().map(|p| p.position).collect(),
             circles: problem.points.iter().map(|p| p.circle).collect(),
@@ -35,10 +47,30 @@ impl State {
                 .iter()
                 .map(|c| c.camera.clone())
                 .collect(),
+            own_cameras: adjustment
+                .stations
+                .iter()
+                .map(|station| Some(station.interior.as_ref()?.camera.clone()))
+                .collect(),
             poses: adjustment.stations.iter().map(|s| s.pose).collect(),
             points: adjustment.points.iter().map(|p| p.position).collect(),
             circles: adjustment.points.iter().map(|p| p.circle).collect(),
         }
+    }
+
+    /// The camera as it was in a picture.
+    fn camera(&self, problem: &BundleProblem, station: usize) -> &Camera {
+        let shared = &self.cameras[problem.stations[station].camera];
+        self.own_cameras[station].as_ref().unwrap_or(shared)
+    }
+
+    /// Whether every lens is one that can be computed with.
+    pub(super) fn has_sound_lenses(&self) -> bool {
+        let own = self.own_cameras.iter().flatten();
+        self.cameras.iter().chain(own).all(|camera| {
+            camera.interior.to_vector().iter().all(|x| x.is_finite())
+                && camera.interior.principal_distance > 0.0
+        })
     }
 
     /// Gives fixed coordinates their values.
@@ -79,9 +111,8 @@ pub(super) struct Sight<'a> {
 
 impl<'a> Sight<'a> {
     fn of(problem: &'a BundleProblem, state: &'a State, observation: &'a ImageObservation) -> Self {
-        let station = &problem.stations[observation.station];
         Self {
-            camera: &state.cameras[station.camera],
+            camera: state.camera(problem, observation.station),
             pose: &state.poses[observation.station],
             point: &state.points[observation.point],
             circle: state.circles[observation.point].as_ref(),

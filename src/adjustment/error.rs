@@ -58,6 +58,13 @@ pub enum ParameterName {
         /// Index into [`INTERIOR_NAMES`].
         parameter: usize,
     },
+    /// A parameter of interior orientation that a station has for itself.
+    Image {
+        /// Index of the station.
+        index: usize,
+        /// Index into [`INTERIOR_NAMES`].
+        parameter: usize,
+    },
     /// An unknown of a station.
     Station {
         /// Index of the station.
@@ -77,6 +84,9 @@ impl fmt::Display for ParameterName {
         match self {
             Self::Camera { index, parameter } => {
                 write!(f, "{} of camera {index}", INTERIOR_NAMES[*parameter])
+            }
+            Self::Image { index, parameter } => {
+                write!(f, "{} of station {index}", INTERIOR_NAMES[*parameter])
             }
             Self::Station { index, component } => {
                 write!(f, "{component} of station {index}")

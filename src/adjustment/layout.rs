@@ -3,7 +3,7 @@
 
 use super::error::{ParameterName, ProblemPart, StationComponent};
 use super::structure::{Structure, spread_stations};
-use super::{AdjustmentError, BundleProblem, CoordinatePrior, ParameterState, PointBlock};
+use super::{AdjustmentError, BundleProblem, CoordinatePrior, ParameterState, PointBlock, Sharing};
 
 /// The part a point takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,11 +18,13 @@ pub(super) enum PointRole {
     Kept { start: usize },
 }
 
-/// A ray of a point, with the places of its station's and its camera's unknowns in [`PointFrame::index`].
+/// A ray of a point, with the places of its station's unknowns, those of its interior orientation that the station has for itself,
+/// and its camera's in [`PointFrame::index`].
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ray {
     pub(super) observation: usize,
     pub(super) station_at: usize,
+    pub(super) own_at: usize,
     pub(super) camera_at: usize,
     pub(super) camera: usize,
     pub(super) used: bool,
@@ -36,6 +38,8 @@ pub(super) struct PointFrame {
     pub(super) index: Vec<usize>,
     /// How many stations they belong to; each has six places, the other unknowns follow.
     pub(super) stations: usize,
+    /// Where the places of the stations' own interior parameters end, which follow those six.
+    pub(super) own_end: usize,
     /// By station.
     pub(super) rays: Vec<Ray>,
     /// Place of the point's own unknowns in `index`, for a kept point.
@@ -44,13 +48,36 @@ pub(super) struct PointFrame {
     pub(super) blocks: Vec<(usize, usize)>,
 }
 
+impl PointFrame {
+    /// The rays that may touch a block of this width whose unknowns have their places from here on: every ray touches a camera or,
+    /// where the point is kept, the point; the unknowns of a station are touched by its own rays alone.
+    pub(super) fn rays_of(&self, place: usize, width: usize) -> &[Ray] {
+        let own = 6 * self.stations..self.own_end;
+        let at = |ray: &Ray| match own.contains(&place) {
+            true => ray.own_at,
+            false => ray.station_at,
+        };
+        if place >= own.end {
+            return &self.rays;
+        }
+        let before = |limit: usize| self.rays.partition_point(|ray| at(ray) < limit);
+        &self.rays[before(place)..before(place + width)]
+    }
+}
+
 /// The order of the unknowns.
 #[derive(Clone, Debug)]
 pub(super) struct Layout {
-    /// Size of the reduced system: 6 a station, the estimated camera parameters, the unknown coordinates of kept points.
+    /// Size of the reduced system: 6 a station, the interior parameters that stations have for themselves, those of cameras, the unknown coordinates of kept points.
     pub(super) kept: usize,
+    /// By station, its camera.
+    pub(super) camera_of: Vec<usize>,
+    /// By station, where its own interior parameters begin.
+    pub(super) own_start: Vec<usize>,
+    /// Per camera, the interior parameters that are estimated for each image.
+    pub(super) camera_own: Vec<Vec<usize>>,
     pub(super) camera_start: Vec<usize>,
-    /// Per camera, the interior parameters that are estimated.
+    /// Per camera, the interior parameters that are estimated for all of its images.
     pub(super) camera_free: Vec<Vec<usize>>,
     pub(super) roles: Vec<PointRole>,
     /// By point, the axes of the coordinates that are unknowns, rising; the others are fixed.
@@ -88,11 +115,17 @@ impl Layout {
         check_determined(problem, &rays, &present, &distance_used, &used)?;
 
         let mut kept = 6 * problem.stations.len();
+        let cameras = problem.cameras.iter();
+        let camera_own: Vec<_> = cameras.map(|c| c.estimated(Sharing::Image)).collect();
+        let camera_of: Vec<usize> = problem.stations.iter().map(|s| s.camera).collect();
+        let mut own_start = Vec::new();
+        for &camera in &camera_of {
+            own_start.push(kept);
+            kept += camera_own[camera].len();
+        }
         let (mut camera_start, mut camera_free) = (Vec::new(), Vec::new());
         for camera in &problem.cameras {
-            let free: Vec<usize> = (0..10)
-                .filter(|&p| camera.parameters[p] != ParameterState::Fixed)
-                .collect();
+            let free = camera.estimated(Sharing::Camera);
             camera_start.push(kept);
             kept += free.len();
             camera_free.push(free);
@@ -119,6 +152,8 @@ impl Layout {
             }
         }
         let mut starts: Vec<usize> = (0..problem.stations.len()).map(|s| 6 * s).collect();
+        let own = own_start.iter().zip(&camera_of);
+        starts.extend(own.filter(|o| !camera_own[*o.1].is_empty()).map(|o| *o.0));
         let cameras = camera_start.iter().zip(&camera_free);
         starts.extend(cameras.filter(|c| !c.1.is_empty()).map(|c| *c.0));
         let mut ends: Vec<usize> = roles
@@ -135,6 +170,9 @@ impl Layout {
             structure: Structure::default(),
             frames_of_block: Vec::new(),
             kept,
+            camera_of,
+            own_start,
+            camera_own,
             camera_start,
             camera_free,
             roles,
@@ -208,18 +246,25 @@ impl Layout {
 
     /// The name of an unknown of the reduced system.
     pub(super) fn name(&self, index: usize) -> ParameterName {
-        let first_camera = self.camera_start.first().copied().unwrap_or(self.kept);
-        if index < first_camera {
+        if index < 6 * self.camera_of.len() {
             return ParameterName::Station {
                 index: index / 6,
                 component: StationComponent::ALL[index % 6],
             };
         }
-        for (camera, (start, free)) in self.camera_start.iter().zip(&self.camera_free).enumerate() {
-            if index < start + free.len() {
+        for station in 0..self.camera_of.len() {
+            if let Some(own) = self.own_parameters(station).find(|own| own.at == index) {
+                return ParameterName::Image {
+                    index: station,
+                    parameter: own.parameter,
+                };
+            }
+        }
+        for camera in 0..self.camera_start.len() {
+            if let Some(own) = self.shared_parameters(camera).find(|own| own.at == index) {
                 return ParameterName::Camera {
                     index: camera,
-                    parameter: free[index - start],
+                    parameter: own.parameter,
                 };
             }
         }
@@ -258,22 +303,31 @@ impl Layout {
         let stations = distinct(observations.iter().map(station_of).collect());
         let cameras = distinct(observations.iter().map(camera_of).collect());
         let mut index: Vec<usize> = stations.iter().flat_map(|s| 6 * s..6 * s + 6).collect();
+        let mut own_at = Vec::new();
+        for &station in &stations {
+            own_at.push(index.len());
+            index.extend(self.own_parameters(station).map(|own| own.at));
+        }
+        let own_end = index.len();
         let mut camera_at = Vec::new();
         for &camera in &cameras {
             camera_at.push(index.len());
-            let start = self.camera_start[camera];
-            index.extend(start..start + self.camera_free[camera].len());
+            index.extend(self.shared_parameters(camera).map(|own| own.at));
         }
-        let own_at = matches!(self.roles[point], PointRole::Kept { .. }).then_some(index.len());
+        let point_at = matches!(self.roles[point], PointRole::Kept { .. }).then_some(index.len());
         index.extend(self.kept_coordinates(point).map(|(_, own)| own));
         let mut rays: Vec<Ray> = observations
             .iter()
-            .map(|o| Ray {
-                observation: *o,
-                station_at: 6 * stations.partition_point(|s| *s < station_of(o)),
-                camera_at: camera_at[cameras.partition_point(|c| *c < camera_of(o))],
-                camera: camera_of(o),
-                used: self.used[*o],
+            .map(|o| {
+                let station = stations.partition_point(|s| *s < station_of(o));
+                Ray {
+                    observation: *o,
+                    station_at: 6 * station,
+                    own_at: own_at[station],
+                    camera_at: camera_at[cameras.partition_point(|c| *c < camera_of(o))],
+                    camera: camera_of(o),
+                    used: self.used[*o],
+                }
             })
             .collect();
         rays.sort_by_key(|ray| ray.station_at);
@@ -284,9 +338,10 @@ impl Layout {
             blocks,
             point,
             stations: stations.len(),
+            own_end,
             index,
             rays,
-            own_at,
+            own_at: point_at,
         }
     }
 }

@@ -8,6 +8,7 @@
 //!
 //! - **Normal equations.** Points are eliminated 3 x 3 at a time (Brown, 1958), which leaves a dense system of six
 //!   unknowns a station, the camera parameters and the ends of distances; Cholesky factors it, scaled to unit diagonal.
+//!   Interior parameters that change from image to image (Fraser, 1980; Maas, 1999) are unknowns of their station beside those six.
 //! - **Iteration.** Gauss-Newton; damping after Levenberg (1944) and Marquardt (1963) only while the cost would rise,
 //!   and convergence is judged on an undamped step only: its size in units of the observations' sigmas. A rise of the
 //!   cost is never convergence.
@@ -39,6 +40,7 @@ mod equations;
 mod error;
 mod factor;
 mod frame;
+mod interior;
 mod known;
 mod layout;
 mod normals;
@@ -66,6 +68,8 @@ mod fixed_tests;
 #[cfg(test)]
 mod frame_tests;
 #[cfg(test)]
+mod interior_tests;
+#[cfg(test)]
 mod simulation;
 #[cfg(test)]
 mod solved_tests;
@@ -82,7 +86,8 @@ pub use error::{AdjustmentError, DatumMotion, ParameterName, ProblemPart, Statio
 pub use known::KnownStatistics;
 pub use problem::{
     BundleProblem, BundleSettings, CameraBlock, CoordinatePrior, Datum, DistanceObservation,
-    ImageObservation, ParameterState, PointBlock, ResidualPlane, RobustStart, StationBlock,
+    ImageObservation, ParameterState, PointBlock, ResidualPlane, RobustStart, Sharing,
+    StationBlock,
 };
 pub use rejection::{
     RejectedObservation, RejectionReason, RobustAdjustment, adjust_with_rejection,

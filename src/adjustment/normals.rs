@@ -11,8 +11,9 @@ use rayon::prelude::*;
 
 use super::block_matrix::BlockMatrix;
 use super::equations::{Equations, State};
+use super::interior::interior_priors;
 use super::layout::{Layout, PointFrame, PointRole, Ray};
-use super::{AdjustmentError, BundleProblem, ParameterName, ParameterState};
+use super::{AdjustmentError, BundleProblem, ParameterName};
 
 /// A pivot below this part of the unknown's own normal matrix diagonal is rounding: the unknown is not determined.
 pub(super) const PIVOT_FLOOR: f64 = 1e-13;
@@ -99,7 +100,8 @@ struct System<'a> {
 pub(super) struct RayRows<'a> {
     by_station: SMatrix<f64, 2, 6>,
     by_camera: SMatrix<f64, 2, 10>,
-    /// The parameters of the camera that are estimated.
+    /// The parameters of the camera that are estimated for the image alone, and for all of its images.
+    camera_own: &'a [usize],
     camera_free: &'a [usize],
     /// By point, the axes of its unknown coordinates.
     unknown_axes: &'a [Vec<usize>],
@@ -217,7 +219,7 @@ impl Normals {
                 .copy_from_slice(&diagonal);
         }
         normals.add_distances(problem, layout, equations);
-        normals.add_camera_priors(problem, layout, state);
+        normals.add_interior_priors(problem, layout, state);
         for i in 0..layout.kept {
             let more = damping * normals.unreduced_diagonal[i];
             normals.reduced.add(structure, i, i, more);
@@ -270,18 +272,13 @@ impl Normals {
         }
     }
 
-    fn add_camera_priors(&mut self, problem: &BundleProblem, layout: &Layout, state: &State) {
-        for (c, block) in problem.cameras.iter().enumerate() {
-            let interior = state.cameras[c].interior.to_vector();
-            for (k, &parameter) in layout.camera_free[c].iter().enumerate() {
-                if let ParameterState::Weighted { value, sigma } = block.parameters[parameter] {
-                    let i = layout.camera_start[c] + k;
-                    let weight = sigma.powi(-2);
-                    self.reduced.add(&layout.structure, i, i, weight);
-                    self.unreduced_diagonal[i] += weight;
-                    self.right_side[i] -= weight * (interior[parameter] - value);
-                }
-            }
+    fn add_interior_priors(&mut self, problem: &BundleProblem, layout: &Layout, state: &State) {
+        for prior in interior_priors(problem, layout, state) {
+            let i = prior.at;
+            let weight = prior.sigma.powi(-2);
+            self.reduced.add(&layout.structure, i, i, weight);
+            self.unreduced_diagonal[i] += weight;
+            self.right_side[i] -= weight * prior.residual;
         }
     }
 }
@@ -312,6 +309,7 @@ pub(super) fn whitened_rows<'a>(
     RayRows {
         by_station: equation.by_station * root,
         by_camera: equation.by_camera * root,
+        camera_own: &layout.camera_own[ray.camera],
         camera_free: &layout.camera_free[ray.camera],
         unknown_axes: &layout.unknown_axes,
         by_point: equation.by_point * root,
@@ -332,9 +330,11 @@ impl RayRows<'_> {
         for k in 0..6 {
             push(ray.station_at + k, self.by_station.column(k).into_owned());
         }
-        for (k, &parameter) in self.camera_free.iter().enumerate() {
-            let by = self.by_camera.column(parameter);
-            push(ray.camera_at + k, by.into_owned());
+        let own = (ray.own_at, self.camera_own);
+        for (at, parameters) in [own, (ray.camera_at, self.camera_free)] {
+            for (k, &parameter) in parameters.iter().enumerate() {
+                push(at + k, self.by_camera.column(parameter).into_owned());
+            }
         }
         if let Some(own) = frame.own_at {
             for (k, &axis) in self.unknown_axes[frame.point].iter().enumerate() {
@@ -426,13 +426,7 @@ impl BlockColumns<'_> {
                 *row = self.offsets[block] + k;
             }
         }
-        // Every ray touches a camera or, where the point is kept, the point; a station is touched by its own rays alone.
-        let rays = if place >= 6 * frame.stations {
-            &frame.rays[..]
-        } else {
-            let before = |limit: usize| frame.rays.partition_point(|ray| ray.station_at < limit);
-            &frame.rays[before(place)..before(place + 6)]
-        };
+        let rays = frame.rays_of(place, self.width);
         for ray in rays.iter().filter(|ray| ray.used) {
             self.add_ray(system, frame, place, ray, row_of_place);
         }

@@ -24,6 +24,17 @@ pub enum ParameterState {
     },
 }
 
+/// Whose a parameter of interior orientation is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Sharing {
+    /// The camera's: one value for all of its images.
+    #[default]
+    Camera,
+    /// The image's: each image of the camera has a value for itself (Fraser, 1980; Maas, 1999). Where the parameter is weighted,
+    /// the known value is an observation in each image.
+    Image,
+}
+
 /// A camera with the part its ten parameters take.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraBlock {
@@ -31,6 +42,8 @@ pub struct CameraBlock {
     pub camera: Camera,
     /// In the order of [`crate::camera::INTERIOR_NAMES`].
     pub parameters: [ParameterState; 10],
+    /// Whose each of them is; of no effect on one that is fixed.
+    pub sharing: [Sharing; 10],
 }
 
 /// One picture: its camera and the start value of its pose.

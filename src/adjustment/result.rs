@@ -10,10 +10,10 @@ use crate::geometry::{Circle, Pose, Similarity};
 /// A camera with its estimated interior orientation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AdjustedCamera {
-    /// Sensor and interior orientation.
+    /// Sensor and interior orientation; of parameters that each image has for itself the start values.
     pub camera: Camera,
-    /// 10 x 10 in the order of [`crate::camera::INTERIOR_NAMES`], a-posteriori; zeros for fixed parameters. It does
-    /// not depend on the datum.
+    /// 10 x 10 in the order of [`crate::camera::INTERIOR_NAMES`], a-posteriori; zeros for parameters that are fixed or
+    /// that each image has for itself. It does not depend on the datum.
     pub covariance: SMatrix<f64, 10, 10>,
     /// Of the weighted parameters.
     pub known: [Option<KnownStatistics>; 10],
@@ -28,6 +28,9 @@ pub struct AdjustedStation {
     pub pose: Pose,
     /// 6 x 6, a-posteriori: turn in the camera frame (rad), projection centre (mm); see [`Pose::moved`].
     pub covariance: Matrix6<f64>,
+    /// Its camera in this image, with the covariance of all estimated parameters, shared ones included; `None` where the
+    /// camera has none for each image.
+    pub interior: Option<AdjustedCamera>,
 }
 
 /// An object point with its estimated coordinates.

@@ -33,6 +33,7 @@ mod tests {
         points[4].z = 1e4;
         let state = State {
             cameras: Vec::new(),
+            own_cameras: Vec::new(),
             poses: Vec::new(),
             circles: vec![None; points.len()],
             points,

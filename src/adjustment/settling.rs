@@ -26,6 +26,8 @@ pub struct SettledPoint {
 pub struct Settled {
     /// By index of the camera.
     pub cameras: Vec<Camera>,
+    /// By index of the station, its camera where that has parameters for this image alone.
+    pub own_cameras: Vec<Option<Camera>>,
     /// By index of the station.
     pub poses: Vec<Pose>,
     /// By index of the point; `None` for those that were left with too few rays or whose rays do not meet.
@@ -65,6 +67,7 @@ pub fn settle(
     Ok(Settled {
         points: (0..state.points.len()).map(point).collect(),
         cameras: state.cameras,
+        own_cameras: state.own_cameras,
         poses: state.poses,
     })
 }

@@ -9,8 +9,8 @@ use rand_chacha::ChaCha8Rng;
 use super::equations::State;
 use super::{
     Adjustment, AdjustmentError, BundleProblem, BundleSettings, CameraBlock, Datum,
-    DistanceObservation, ImageObservation, ParameterState, PointBlock, ResidualPlane, StationBlock,
-    adjust,
+    DistanceObservation, ImageObservation, ParameterState, PointBlock, ResidualPlane, Sharing,
+    StationBlock, adjust,
 };
 use crate::camera::InteriorOrientation;
 use crate::camera::fixture::wide_angle_camera;
@@ -108,6 +108,7 @@ pub(super) fn box_network(scene: &Scene) -> Simulated {
     }
     let truth = State {
         cameras: vec![camera.clone()],
+        own_cameras: vec![None; poses.len()],
         poses,
         points,
         circles,
@@ -132,6 +133,7 @@ fn disturbed(
         cameras: vec![CameraBlock {
             camera,
             parameters: [scene.interior; 10],
+            sharing: [Sharing::Camera; 10],
         }],
         stations: truth
             .poses
@@ -197,6 +199,55 @@ pub(super) fn toy(seed: u64) -> Simulated {
         disturbance: 1.0,
         ..scene(seed)
     })
+}
+
+/// Four stations that look straight down at a plane, seen without noise: principal distances and heights cannot be told apart.
+pub(super) fn nadir_network() -> BundleProblem {
+    let Simulated { truth, mut problem } = box_network(&Scene {
+        noise_px: 0.0,
+        disturbance: 0.0,
+        ..scene(9)
+    });
+    let camera = truth.cameras[0].clone();
+    problem.cameras[0].parameters = std::array::from_fn(|p| {
+        if p == 0 {
+            ParameterState::Free
+        } else {
+            ParameterState::Fixed
+        }
+    });
+    for (i, point) in problem.points.iter_mut().enumerate() {
+        point.position = Vector3::new(
+            40.0 * (i % 8) as f64 - 140.0,
+            40.0 * (i / 8) as f64 - 140.0,
+            0.0,
+        );
+    }
+    problem.stations.truncate(4);
+    problem.observations.clear();
+    for (s, station) in problem.stations.iter_mut().enumerate() {
+        let foot = Vector3::new(
+            30.0 * s as f64 - 45.0,
+            if s % 2 == 0 { 30.0 } else { -30.0 },
+            0.0,
+        );
+        station.pose = Pose::looking_at(foot + Vector3::z() * 1000.0, foot, Vector3::y(), s as f64);
+        for (p, point) in problem.points.iter().enumerate() {
+            let pixel = camera
+                .project(&station.pose.camera_from_point(&point.position))
+                .unwrap();
+            problem.observations.push(ImageObservation {
+                station: s,
+                point: p,
+                pixel,
+                sigma_px: 0.05,
+            });
+        }
+    }
+    problem.datum = Datum::InnerConstraints {
+        points: (0..60).collect(),
+    };
+    problem
 }
 
 pub(super) fn bar(truth: &State, from: usize, to: usize, error: f64) -> DistanceObservation {

@@ -19,8 +19,11 @@ use crate::geometry::Similarity;
 /// Unknowns that belong together, by their place in the problem.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Part {
-    /// The ten parameters of a camera, in the order of [`crate::camera::INTERIOR_NAMES`].
+    /// The ten parameters of a camera, in the order of [`crate::camera::INTERIOR_NAMES`]; those that are not estimated for all of
+    /// its images do not vary.
     Camera(usize),
+    /// The ten parameters of a station's camera; those that the station does not have for itself do not vary.
+    Interior(usize),
     /// A station: turn in the camera frame (rad), projection centre (mm).
     Station(usize),
     /// Coordinates of a point (mm).
@@ -32,7 +35,7 @@ impl Part {
     #[must_use]
     pub fn width(self) -> usize {
         match self {
-            Self::Camera(_) => 10,
+            Self::Camera(_) | Self::Interior(_) => 10,
             Self::Station(_) => 6,
             Self::Point(_) => 3,
         }
@@ -79,7 +82,7 @@ impl SolvedNetwork {
         let free = FreeMotions::of(&problem, &layout, &state);
         let factor = Factor::new(&normals, &layout, &state, &free)?;
         let inverse = factor.inverse(&layout.structure);
-        let counts = Counts::of(&problem, &layout, free.defect());
+        let counts = Counts::of(&problem, &layout, &state, free.defect());
         let variance = statistics::variance(&problem, &layout, &state, &equations, &counts);
         let onto_datum = STransformation::new(free, &problem, &layout, &state)?;
         let transformation = Transformation::new(onto_datum, &layout, &state, &normals, &factor);
@@ -160,11 +163,14 @@ impl SolvedNetwork {
         Ok(self)
     }
 
-    /// Every part that takes part: cameras, stations, points.
+    /// Every part that takes part: cameras, stations each with what it has for itself, points.
     #[must_use]
     pub fn parts(&self) -> Vec<Part> {
         let cameras = (0..self.problem.cameras.len()).map(Part::Camera);
-        let stations = (0..self.problem.stations.len()).map(Part::Station);
+        let stations = (0..self.problem.stations.len()).flat_map(|station| {
+            let own = self.state.own_cameras[station].is_some();
+            std::iter::once(Part::Station(station)).chain(own.then_some(Part::Interior(station)))
+        });
         let points = self.layout.frames.iter().map(|f| Part::Point(f.point));
         cameras.chain(stations).chain(points).collect()
     }
@@ -207,7 +213,7 @@ impl SolvedNetwork {
             g.rows_mut(start, part.width()).copy_from(&of_motions);
             c.rows_mut(start, part.width()).copy_from(&of_datum);
             let place = match part {
-                Part::Camera(_) => None,
+                Part::Camera(_) | Part::Interior(_) => None,
                 Part::Station(_) => Some(start + 3),
                 Part::Point(_) => Some(start),
             };
@@ -244,7 +250,7 @@ impl SolvedNetwork {
     fn takes_part(&self, part: Part) -> bool {
         match part {
             Part::Camera(index) => index < self.problem.cameras.len(),
-            Part::Station(index) => index < self.problem.stations.len(),
+            Part::Station(index) | Part::Interior(index) => index < self.problem.stations.len(),
             Part::Point(index) => {
                 index < self.problem.points.len() && self.layout.takes_part(index)
             }
@@ -261,9 +267,12 @@ impl SolvedNetwork {
     fn kept_places(&self, part: Part) -> Vec<(usize, usize)> {
         match part {
             Part::Camera(index) => {
-                let free = self.layout.camera_free[index].iter().enumerate();
-                let start = self.layout.camera_start[index];
-                free.map(|(k, &parameter)| (parameter, start + k)).collect()
+                let shared = self.layout.shared_parameters(index);
+                shared.map(|own| (own.parameter, own.at)).collect()
+            }
+            Part::Interior(index) => {
+                let own = self.layout.own_parameters(index);
+                own.map(|own| (own.parameter, own.at)).collect()
             }
             Part::Station(index) => (0..6).map(|k| (k, 6 * index + k)).collect(),
             Part::Point(index) => self.layout.kept_coordinates(index).collect(),
@@ -311,13 +320,13 @@ impl SolvedNetwork {
     fn datum_rows(&self, part: Part) -> (DMatrix<f64>, DMatrix<f64>) {
         let motions = &self.transformation.motions;
         let g = match part {
-            Part::Camera(_) => DMatrix::zeros(10, motions.defect()),
+            Part::Camera(_) | Part::Interior(_) => DMatrix::zeros(10, motions.defect()),
             Part::Station(index) => motions.station_rows(&self.state.poses[index]),
             Part::Point(index) => motions.point_rows(&self.state.points[index]),
         };
         let of_point = match part {
             Part::Point(point) => self.frame_of(point),
-            Part::Camera(_) | Part::Station(_) => None,
+            Part::Camera(_) | Part::Interior(_) | Part::Station(_) => None,
         };
         let c = match of_point {
             Some(at) => self.transformation.points[at].clone(),

@@ -32,6 +32,7 @@ fn toy_with_lens(seed: u64) -> Simulated {
 fn start_of(layout: &Layout, part: Part) -> usize {
     match part {
         Part::Camera(c) => layout.camera_start[c],
+        Part::Interior(s) => layout.own_start[s],
         Part::Station(s) => 6 * s,
         Part::Point(p) => point_start(layout, p),
     }

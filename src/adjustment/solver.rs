@@ -6,14 +6,13 @@ use serde::{Deserialize, Serialize};
 use super::datum::{FreeMotions, move_onto_datum};
 use super::equations::{Equations, State, distance_equation, image_residuals, trial_residuals};
 use super::factor::Factor;
+use super::interior::interior_priors;
 use super::layout::Layout;
 use super::normals::Normals;
 use super::solved::SolvedNetwork;
 use super::statistics::median;
 use super::step::Step;
-use super::{
-    Adjustment, AdjustmentError, BundleProblem, BundleSettings, ParameterState, RobustStart,
-};
+use super::{Adjustment, AdjustmentError, BundleProblem, BundleSettings, RobustStart};
 
 /// A rise of the cost by less than this part, or by less than the square of 1e-7 sigma an observation, is rounding.
 const ROUNDING_OF_COST: f64 = 1e-9;
@@ -448,10 +447,7 @@ impl BundleSolver {
 
     /// The weighted sum of squares of all observations; infinite where a used one is not imaged.
     fn cost(&self, state: &State, residuals: &[Option<Vector2<f64>>], loss: Loss) -> f64 {
-        if state.cameras.iter().any(|c| {
-            !c.interior.to_vector().iter().all(|x| x.is_finite())
-                || c.interior.principal_distance <= 0.0
-        }) {
+        if !state.has_sound_lenses() {
             return f64::INFINITY;
         }
         let mut sum = 0.0;
@@ -490,13 +486,8 @@ pub(super) fn other_squares(problem: &BundleProblem, layout: &Layout, state: &St
             sum += ((state.points[frame.point][axis] - value) / sigma).powi(2);
         }
     }
-    for (block, camera) in problem.cameras.iter().zip(&state.cameras) {
-        let interior = camera.interior.to_vector();
-        for (parameter, part) in block.parameters.iter().enumerate() {
-            if let ParameterState::Weighted { value, sigma } = part {
-                sum += ((interior[parameter] - value) / sigma).powi(2);
-            }
-        }
+    for prior in interior_priors(problem, layout, state) {
+        sum += (prior.residual / prior.sigma).powi(2);
     }
     sum
 }

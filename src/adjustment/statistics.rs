@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, Matrix3, Matrix3x2, Matrix6, SMatrix, Vector2, Vector3};
 use rayon::prelude::*;
 
 use super::equations::{Equations, State};
+use super::interior::{interior_priors, own_interior};
 use super::known::KnownStatistics;
 use super::layout::{Layout, PointFrame};
 use super::normals::{distance_row, whitened_rows};
@@ -108,7 +109,12 @@ pub(super) struct Counts {
 }
 
 impl Counts {
-    pub(super) fn of(problem: &BundleProblem, layout: &Layout, defect: usize) -> Self {
+    pub(super) fn of(
+        problem: &BundleProblem,
+        layout: &Layout,
+        state: &State,
+        defect: usize,
+    ) -> Self {
         let images = 2 * layout.used.iter().filter(|u| **u).count();
         let distances = layout.distance_used.iter().filter(|u| **u).count();
         let coordinates: usize = layout
@@ -116,12 +122,7 @@ impl Counts {
             .iter()
             .map(|f| problem.points[f.point].weighted_coordinates().count())
             .sum();
-        let interior = problem
-            .cameras
-            .iter()
-            .flat_map(|c| &c.parameters)
-            .filter(|p| matches!(p, ParameterState::Weighted { .. }))
-            .count();
+        let interior = interior_priors(problem, layout, state).len();
         let observations = images + distances + coordinates + interior;
         let unknowns = layout.unknowns();
         Self {
@@ -265,6 +266,7 @@ fn stations(network: &SolvedNetwork) -> Vec<AdjustedStation> {
                 camera: problem.stations[s].camera,
                 pose: state.poses[s],
                 covariance: (cofactor + cofactor.transpose()) * (*variance / 2.0),
+                interior: own_interior(problem, layout, state, &network.inverse, s, *variance),
             }
         })
         .collect()

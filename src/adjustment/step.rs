@@ -11,7 +11,7 @@ pub(super) struct Step {
     /// Of those that are not eliminated.
     pub(super) kept: DVector<f64>,
     /// Of the eliminated points, by frame.
-    points: Vec<Option<Vector3<f64>>>,
+    pub(super) points: Vec<Option<Vector3<f64>>>,
 }
 
 impl Step {
@@ -46,8 +46,17 @@ impl Step {
         }
         for (c, camera) in state.cameras.iter_mut().enumerate() {
             let mut interior = camera.interior.to_vector();
-            for (k, &parameter) in layout.camera_free[c].iter().enumerate() {
-                interior[parameter] += kept[layout.camera_start[c] + k];
+            for unknown in layout.shared_parameters(c) {
+                interior[unknown.parameter] += kept[unknown.at];
+            }
+            camera.interior = camera.interior.with_values(&interior);
+        }
+        for (s, camera) in state.own_cameras.iter_mut().enumerate() {
+            let Some(camera) = camera else { continue };
+            let mut interior = camera.interior.to_vector();
+            let shared = layout.shared_parameters(layout.camera_of[s]);
+            for unknown in layout.own_parameters(s).chain(shared) {
+                interior[unknown.parameter] += kept[unknown.at];
             }
             camera.interior = camera.interior.with_values(&interior);
         }

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::equations::State;
-use super::simulation::{Scene, Simulated, bar, box_network, scene, solve, toy};
+use super::simulation::{Scene, Simulated, bar, box_network, nadir_network, scene, solve, toy};
 use super::*;
 
 /// One known point leaves three turns and the scale; the inner constraints take exactly these.
@@ -173,58 +173,9 @@ fn one_and_two_threads_give_the_same_bits() {
     assert_eq!(on(1), on(5));
 }
 
-/// Stations that all look straight at a plane: c, the heights and K cannot be told apart.
 #[test]
 fn a_rank_defect_names_what_is_loose() {
-    let Simulated { truth, mut problem } = box_network(&Scene {
-        noise_px: 0.0,
-        disturbance: 0.0,
-        ..scene(9)
-    });
-    let camera = truth.cameras[0].clone();
-    problem.cameras[0].parameters = std::array::from_fn(|p| {
-        if p == 0 {
-            ParameterState::Free
-        } else {
-            ParameterState::Fixed
-        }
-    });
-    for (i, point) in problem.points.iter_mut().enumerate() {
-        point.position = Vector3::new(
-            40.0 * (i % 8) as f64 - 140.0,
-            40.0 * (i / 8) as f64 - 140.0,
-            0.0,
-        );
-    }
-    problem.stations.truncate(4);
-    problem.observations.clear();
-    for (s, station) in problem.stations.iter_mut().enumerate() {
-        let foot = Vector3::new(
-            30.0 * s as f64 - 45.0,
-            if s % 2 == 0 { 30.0 } else { -30.0 },
-            0.0,
-        );
-        station.pose = crate::geometry::Pose::looking_at(
-            foot + Vector3::z() * 1000.0,
-            foot,
-            Vector3::y(),
-            s as f64,
-        );
-        for (p, point) in problem.points.iter().enumerate() {
-            let pixel = camera
-                .project(&station.pose.camera_from_point(&point.position))
-                .unwrap();
-            problem.observations.push(ImageObservation {
-                station: s,
-                point: p,
-                pixel,
-                sigma_px: 0.05,
-            });
-        }
-    }
-    problem.datum = Datum::InnerConstraints {
-        points: (0..60).collect(),
-    };
+    let mut problem = nadir_network();
     let Err(AdjustmentError::RankDefect { defect, loose }) = solve(&problem) else {
         panic!("not seen");
     };

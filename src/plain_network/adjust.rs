@@ -452,6 +452,7 @@ impl PlainNetwork {
                 } else {
                     [ParameterState::Fixed; 10]
                 },
+                sharing: camera.sharing,
             });
         let problem = BundleProblem {
             cameras: cameras.collect(),

@@ -4,8 +4,9 @@ use nalgebra::Vector3;
 
 use super::fixture::{network, places};
 use super::*;
+use crate::adjustment::Sharing;
 use crate::camera::LensDirection;
-use crate::geometry::{Scale, fit_similarity};
+use crate::geometry::{Pose, Scale, fit_similarity};
 use crate::monitor::Monitor;
 use crate::network::Expansion;
 
@@ -212,4 +213,80 @@ fn a_warm_bar_makes_the_network_longer_by_its_expansion() {
     };
     let ratio = length(&warm) / length(&cold);
     assert!((ratio - 1.000_115).abs() < 1e-9, "{ratio}");
+}
+
+#[test]
+fn each_image_finds_its_own_principal_point_and_distance() {
+    let mut network = network(LensDirection::Correcting);
+    let shared = network.cameras[0].camera();
+    let of_image = |image: usize| {
+        let k = image as f64;
+        [
+            0.01 * (k - 3.5),
+            0.02 * (1.3 * k).sin(),
+            0.02 * (2.1 * k).cos(),
+        ]
+    };
+    for seen in &mut network.observations {
+        let mut camera = network.cameras[0].clone();
+        for (value, change) in camera.values.iter_mut().zip(of_image(seen.image)) {
+            *value += change;
+        }
+        let place = Vector3::from(network.points[seen.point].start.unwrap());
+        let pose = network.images[seen.image].start.unwrap();
+        let in_camera = pose.camera_from_point(&place);
+        let moved = camera.camera().project(&in_camera).unwrap();
+        let before = shared.project(&in_camera).unwrap();
+        seen.x_px += moved.x - before.x;
+        seen.y_px += moved.y - before.y;
+    }
+    // Without noise the known values alone pull, by a part of some 1e-3 of what they are off.
+    network.cameras[0].parameters[..3].fill(PlainParameter::Weighted { sigma: 1.0 });
+    let together = adjusted(&network).adjustment.sigma0;
+    network.cameras[0].sharing[..3].fill(Sharing::Image);
+    let adjusted = adjusted(&network);
+    let images = network.images.len();
+    let weighted = 3 * images;
+    assert_eq!(
+        adjusted.adjustment.unknown_count,
+        6 * images + weighted + 3 * 30
+    );
+    let own = adjusted.adjustment.sigma0;
+    assert!(own < 0.02 && together > 20.0 * own, "{own} {together}");
+    for (image, station) in adjusted.adjustment.stations.iter().enumerate() {
+        let interior = station.interior.as_ref().unwrap();
+        let found = interior.camera.interior.to_vector();
+        for (k, change) in of_image(image).into_iter().enumerate() {
+            let off = found[k] - network.cameras[0].values[k] - change;
+            assert!(off.abs() < 1e-3, "{k} of image {image}: {off}");
+        }
+    }
+}
+
+#[test]
+fn what_is_loose_is_named_with_its_image() {
+    let mut network = network(LensDirection::Correcting);
+    // A plane seen straight from above: a longer lens from higher up gives the same picture.
+    let camera = network.cameras[0].camera();
+    for (point, place) in network.points.iter_mut().zip(places()) {
+        point.start = Some([place.x, place.y, 0.0]);
+    }
+    for (k, image) in network.images.iter_mut().enumerate() {
+        let foot = Vector3::new(180.0 + 20.0 * k as f64, 200.0 + 15.0 * (k % 3) as f64, 0.0);
+        let from = foot + Vector3::new(0.0, 0.0, 1200.0);
+        image.start = Some(Pose::looking_at(from, foot, Vector3::y(), 1.6 * k as f64));
+    }
+    for seen in &mut network.observations {
+        let pose = network.images[seen.image].start.unwrap();
+        let place = Vector3::from(network.points[seen.point].start.unwrap());
+        let pixel = camera.project(&pose.camera_from_point(&place)).unwrap();
+        [seen.x_px, seen.y_px] = [pixel.x, pixel.y];
+    }
+    network.distances.clear();
+    network.cameras[0].parameters[0] = PlainParameter::Free;
+    network.cameras[0].sharing[0] = Sharing::Image;
+    let adjusted = adjusted(&network);
+    let told = adjusted.told.join("\n");
+    assert!(told.contains("(c of image 'I"), "{told}");
+    assert_eq!(adjusted.held.len(), 1);
 }

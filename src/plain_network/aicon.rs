@@ -9,7 +9,7 @@ use super::{
     DatumPoints, ImportError, ImportPlace, NamedText, PlainCamera, PlainDatum, PlainDistance,
     PlainImage, PlainNetwork, PlainObservation, PlainParameter, PlainPoint,
 };
-use crate::adjustment::ResidualPlane;
+use crate::adjustment::{ResidualPlane, Sharing};
 use crate::camera::LensDirection;
 use crate::geometry::{OmegaPhiKappa, Pose};
 use crate::network::BarRole;
@@ -116,6 +116,7 @@ fn read_camera(rows: &[Row<'_>]) -> Result<PlainCamera, ImportError> {
             true => PlainParameter::Free,
             false => PlainParameter::Fixed,
         }),
+        sharing: [Sharing::Camera; 10],
     })
 }
 

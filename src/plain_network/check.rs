@@ -7,6 +7,7 @@ use super::{
     DatumPoints, PlainCamera, PlainDatum, PlainDistance, PlainImage, PlainNetwork,
     PlainObservation, PlainParameter, PlainPoint, PointRole,
 };
+use crate::adjustment::Sharing;
 use crate::camera::INTERIOR_NAMES;
 use crate::camera::LensDirection;
 use crate::network::Expansion;
@@ -248,9 +249,14 @@ fn check_camera(camera: &PlainCamera) -> Result<(), NetworkFault> {
         let found = format!("balanced_radius_mm {radius}");
         return Err(NetworkFault::new(about, found, "0 or more"));
     }
-    for (name, parameter) in INTERIOR_NAMES.iter().zip(camera.parameters) {
+    let parameters = INTERIOR_NAMES.iter().zip(camera.parameters);
+    for ((name, parameter), sharing) in parameters.zip(camera.sharing) {
         if let PlainParameter::Weighted { sigma } = parameter {
             positive(&about, &format!("sigma of {name}"), sigma)?;
+        }
+        if parameter == PlainParameter::Fixed && sharing == Sharing::Image {
+            let found = format!("{name} for each image but fixed");
+            return Err(NetworkFault::new(about, found, "it free or weighted"));
         }
     }
     Ok(())
@@ -388,7 +394,7 @@ mod tests {
                 centre_in_world: Vector3::zeros(),
             });
         };
-        let cases: [(Damage, &str); 21] = [
+        let cases: [(Damage, &str); 22] = [
             (
                 |n| n.images[1].name = "left".into(),
                 "image 'left': found a second one of this name, expected one",
@@ -419,6 +425,13 @@ mod tests {
             (
                 |n| n.cameras[0].parameters[4] = PlainParameter::Weighted { sigma: 0.0 },
                 "camera 'A': found sigma of K2 0, expected a number greater than 0",
+            ),
+            (
+                |n| {
+                    n.cameras[0].parameters[5] = PlainParameter::Fixed;
+                    n.cameras[0].sharing[5] = Sharing::Image;
+                },
+                "camera 'A': found K3 for each image but fixed, expected it free or weighted",
             ),
             (
                 |n| {

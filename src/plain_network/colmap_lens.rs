@@ -13,6 +13,7 @@ use super::check::NetworkFault;
 use super::error::quote;
 use super::rows::Row;
 use super::{ImportError, PlainCamera, PlainParameter};
+use crate::adjustment::Sharing;
 use crate::camera::LensDirection;
 
 /// Side of a pixel that is assumed, mm; COLMAP knows pixels only, and every millimetre in the image scales with this.
@@ -164,6 +165,7 @@ impl Terms {
                 free(self.fx.is_some()),
                 free(false),
             ],
+            sharing: [Sharing::Camera; 10],
         }
     }
 }

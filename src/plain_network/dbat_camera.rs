@@ -2,6 +2,7 @@
 
 use super::error::quote;
 use super::{ImportError, ImportPlace, NamedText, PlainCamera, PlainParameter};
+use crate::adjustment::Sharing;
 use crate::camera::LensDirection;
 
 /// The lens model that corrects the measured point; DBAT numbers others that this program does not have.
@@ -62,6 +63,7 @@ pub(super) fn read_camera(source: NamedText<'_>) -> Result<PlainCamera, ImportEr
         lens: LensDirection::CorrectingAffinityFirst,
         values: [c, x0, y0, k1, k2, k3, p1, p2, aspect - 1.0, 0.0],
         parameters,
+        sharing: [Sharing::Camera; 10],
     })
 }
 

@@ -8,7 +8,7 @@ use super::{
     DatumPoints, Known, NamedText, PlainCamera, PlainDatum, PlainDistance, PlainImage,
     PlainNetwork, PlainObservation, PlainParameter, PlainPoint, PointRole, from_json, to_json,
 };
-use crate::adjustment::ResidualPlane;
+use crate::adjustment::{ResidualPlane, Sharing};
 use crate::camera::LensDirection;
 use crate::geometry::Pose;
 use crate::network::{BarRole, Expansion};
@@ -54,6 +54,7 @@ pub(crate) fn small_network() -> PlainNetwork {
             lens: LensDirection::Correcting,
             values: [24.0, 0.1, -0.05, 1e-4, -2e-7, 0.0, 1e-5, -2e-5, 1e-4, 0.0],
             parameters: [PlainParameter::Free; 10],
+            sharing: [Sharing::Camera; 10],
         }],
         images: vec![image("left", -300.0), image("right", 300.0)],
         points,
@@ -97,6 +98,7 @@ pub(super) fn lens(direction: LensDirection) -> PlainCamera {
         lens: direction,
         values: [24.0, 0.05, -0.03, 1e-4, -1e-7, 0.0, 1e-6, 2e-6, 1e-4, 0.0],
         parameters: [PlainParameter::Fixed; 10],
+        sharing: [Sharing::Camera; 10],
     }
 }
 
@@ -216,8 +218,16 @@ pub(super) fn random_network(seed: u64) -> PlainNetwork {
                     sigma: size(random),
                 },
             }),
+            sharing: [Sharing::Camera; 10],
         })
         .collect();
+    for camera in &mut network.cameras {
+        for (parameter, sharing) in camera.parameters.iter().zip(&mut camera.sharing) {
+            if *parameter != PlainParameter::Fixed && random.random_range(0..3) == 0 {
+                *sharing = Sharing::Image;
+            }
+        }
+    }
     for image in &mut network.images {
         image.camera = random.random_range(0..network.cameras.len());
         let turn = Vector3::from_fn(|_, _| random.random_range(-2.0..2.0));

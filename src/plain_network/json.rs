@@ -16,6 +16,7 @@ use super::{
     PlainDistance, PlainImage, PlainNetwork, PlainObservation, PlainParameter, PlainPoint,
     PointRole,
 };
+use crate::adjustment::Sharing;
 use crate::camera::INTERIOR_NAMES;
 use crate::geometry::Pose;
 use crate::network::{Expansion, REFERENCE_CELSIUS};
@@ -27,7 +28,7 @@ use crate::network::{Expansion, REFERENCE_CELSIUS};
 ///  "datum": {"inner_constraints": ["P1", "P2", "P3"]},
 ///  "cameras": [{"name": "A", "width_px": 4000, "height_px": 3000, "pixel_pitch_mm": 0.005,
 ///    "lens": {"displacing": {"balanced_radius_mm": 0}}, "values": {"c": 24, "K1": 1e-4},
-///    "free": ["c", "x0", "y0"], "weighted": {"K1": 1e-6}}],
+///    "free": ["c", "x0", "y0"], "weighted": {"K1": 1e-6}, "per_image": ["x0", "y0"]}],
 ///  "images": [{"name": "left", "camera": "A", "centre_mm": [0, 0, 900], "camera_from_world": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}],
 ///  "points": [{"name": "P1", "start_mm": [0, 0, 0]}, {"name": "P2"},
 ///    {"name": "P3", "known": [{"value_mm": 10}, null, {"value_mm": 5, "sigma_mm": 0.01}], "role": "check"}],
@@ -39,9 +40,10 @@ use crate::network::{Expansion, REFERENCE_CELSIUS};
 ///
 /// What may be left out: `residuals` (measured), `sigma_px` where every observation gives its own, `datum` (control
 /// where there are control points, else inner constraints on all points), `distances`, `lens` (correcting), values that
-/// are 0, `free` and `weighted` (the parameter is fixed), the camera of an image if there is only one, starts, `known`
-/// with the `sigma_mm` in it (the coordinate is fixed), `role` (control where something is known), and what warmth did to a
-/// bar or to the object (nothing is known of it; `calibrated_at_c` and `reference_c` are 20). Other keys are refused.
+/// are 0, `free` and `weighted` (the parameter is fixed), `per_image` (all images of the camera share it), the camera of an image if
+/// there is only one, starts, `known` with the `sigma_mm` in it (the coordinate is fixed), `role` (control where something is known),
+/// and what warmth did to a bar or to the object (nothing is known of it; `calibrated_at_c` and `reference_c` are 20). Other keys
+/// are refused.
 ///
 /// `lens` is one of `"correcting"`, `"correcting_affinity_first"`, `{"displacing": {"balanced_radius_mm": R0}}` and
 /// `"displacing_affinity_last"` ([`crate::camera::LensDirection`]).
@@ -138,6 +140,12 @@ fn camera_form(camera: &PlainCamera) -> CameraForm {
                 PlainParameter::Weighted { sigma } => Some(((*name).to_owned(), sigma)),
                 _ => None,
             })
+            .collect(),
+        per_image: INTERIOR_NAMES
+            .iter()
+            .zip(camera.sharing)
+            .filter(|(_, sharing)| *sharing == Sharing::Image)
+            .map(|(name, _)| (*name).to_owned())
             .collect(),
     }
 }
@@ -336,17 +344,32 @@ fn read_camera(form: &CameraForm) -> Result<PlainCamera, NetworkFault> {
         .weighted
         .iter()
         .map(|(name, &sigma)| (name, PlainParameter::Weighted { sigma }));
-    for (name, parameter) in free.chain(weighted) {
-        let Some(index) = INTERIOR_NAMES.iter().position(|known| known == name) else {
+    let index_of = |name: &String| {
+        let index = INTERIOR_NAMES.iter().position(|known| known == name);
+        index.ok_or_else(|| {
             let found = format!("the parameter {}", quote(name));
             let expected = format!("one of {}", INTERIOR_NAMES.join(", "));
-            return Err(NetworkFault::new(about(), found, expected));
-        };
+            NetworkFault::new(about(), found, expected)
+        })
+    };
+    let again = |name: &str| {
+        let found = format!("the parameter {name} again");
+        NetworkFault::new(about(), found, "it once")
+    };
+    for (name, parameter) in free.chain(weighted) {
+        let index = index_of(name)?;
         if parameters[index] != PlainParameter::Fixed {
-            let found = format!("the parameter {name} again");
-            return Err(NetworkFault::new(about(), found, "it once"));
+            return Err(again(name));
         }
         parameters[index] = parameter;
+    }
+    let mut sharing = [Sharing::Camera; 10];
+    for name in &form.per_image {
+        let index = index_of(name)?;
+        if sharing[index] == Sharing::Image {
+            return Err(again(name));
+        }
+        sharing[index] = Sharing::Image;
     }
     Ok(PlainCamera {
         name: form.name.clone(),
@@ -356,6 +379,7 @@ fn read_camera(form: &CameraForm) -> Result<PlainCamera, NetworkFault> {
         lens: form.lens,
         values: form.values.values(),
         parameters,
+        sharing,
     })
 }
 

@@ -56,6 +56,9 @@ pub(super) struct CameraForm {
     /// Sigmas of the weighted parameters by name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub(super) weighted: BTreeMap<String, f64>,
+    /// Names of the free and weighted parameters that each image has for itself.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(super) per_image: Vec<String>,
 }
 
 #[derive(Debug, Serialize, Deserialize)]

@@ -122,6 +122,11 @@ fn the_documented_file_is_read() {
     let network = read(&text.join("\n")).unwrap();
     assert_eq!(network.observations[1].sigma_px, 0.2);
     assert_eq!(network.points[2].role, PointRole::Check);
+    let sharing = |k: usize| network.cameras[0].sharing[k];
+    assert_eq!(
+        [0, 1, 2].map(sharing),
+        [Sharing::Camera, Sharing::Image, Sharing::Image]
+    );
 }
 
 #[test]
@@ -235,6 +240,14 @@ fn bad_files_are_answered_in_one_line() {
         (
             file(image, point, seen, "").replace(r#""values""#, r#""free":["K1"],"weighted":{"K1":1e-6},"values""#),
             "net.json, camera 'A': found the parameter K1 again, expected it once",
+        ),
+        (
+            file(image, point, seen, "").replace(r#""values""#, r#""free":["K1"],"per_image":["K1","K1"],"values""#),
+            "net.json, camera 'A': found the parameter K1 again, expected it once",
+        ),
+        (
+            file(image, point, seen, "").replace(r#""values""#, r#""free":["K1"],"per_image":["c"],"values""#),
+            "net.json, camera 'A': found c for each image but fixed, expected it free or weighted",
         ),
         (
             file(image, point, seen, ",\"version\":1"),

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector2;
 
-use crate::adjustment::ResidualPlane;
+use crate::adjustment::{ResidualPlane, Sharing};
 use crate::camera::LensDirection;
 use crate::geometry::Pose;
 use crate::network::{BarRole, Expansion, length_at_reference};
@@ -46,6 +46,8 @@ pub struct PlainCamera {
     pub values: [f64; 10],
     /// What an adjustment may do with each value.
     pub parameters: [PlainParameter; 10],
+    /// Whose each value is: that of all images of the camera, or a start (and, weighted, an observation) for each image's own.
+    pub sharing: [Sharing; 10],
 }
 
 /// What an adjustment may do with a camera parameter.

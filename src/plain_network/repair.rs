@@ -68,14 +68,21 @@ impl Failure<'_> {
     /// Of what is loose, one camera parameter is held; else images are left out, else points.
     fn take_out_loose(&self, usable: &mut Usable, loose: &[ParameterName]) -> Repair {
         let camera = loose.iter().find_map(|name| match name {
-            ParameterName::Camera { index, parameter } => Some((*index, *parameter)),
+            ParameterName::Camera { index, parameter } => Some((*index, *parameter, None)),
+            ParameterName::Image { index, parameter } => {
+                let image = &self.network.images[self.part.images[*index]];
+                Some((image.camera, *parameter, Some(&image.name)))
+            }
             _ => None,
         });
-        if let Some((camera, parameter)) = camera {
+        if let Some((camera, parameter, image)) = camera {
             usable.held[camera][parameter] = true;
             let value = self.network.cameras[camera].values[parameter];
+            let of_image = image.map_or_else(String::new, |name| {
+                format!(" ({} of image '{name}')", INTERIOR_NAMES[parameter])
+            });
             usable.told.push(format!(
-                "{}: the observations do not determine it: held at {}",
+                "{}: the observations do not determine it{of_image}: held at {}",
                 self.network.parameter_in_words(camera, parameter),
                 with_unit(value, parameter)
             ));

@@ -92,6 +92,13 @@ impl PlainNetwork {
                     ParameterName::Camera { index, parameter } => {
                         self.parameter_in_words(*index, *parameter)
                     }
+                    ParameterName::Image { index, parameter } => {
+                        format!(
+                            "{} of image '{}'",
+                            INTERIOR_NAMES[*parameter],
+                            image(*index)
+                        )
+                    }
                     ParameterName::Station { index, component } => {
                         format!("{component} of image '{}'", image(*index))
                     }

@@ -314,6 +314,10 @@ fn names_of(network: &PlainNetwork, adjusted: &PlainAdjustment, part: Part) -> V
     };
     match part {
         Part::Camera(camera) => named(&network.cameras[camera].name, &INTERIOR_NAMES),
+        Part::Interior(station) => named(
+            &network.images[adjusted.images[station]].name,
+            &INTERIOR_NAMES,
+        ),
         Part::Station(station) => named(
             &network.images[adjusted.images[station]].name,
             &["turn_x", "turn_y", "turn_z", "x", "y", "z"],

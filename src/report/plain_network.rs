@@ -6,13 +6,18 @@ use serde::Serialize;
 
 use super::plain_answers::PlainAnswers;
 use super::plain_reliability::{ReliabilityReport, SignificanceRow, significance};
-use crate::adjustment::{ErrorEllipsoid, ObservationStatus, TestPower};
+use crate::adjustment::{
+    AdjustedCamera, AdjustedStation, ErrorEllipsoid, ObservationStatus, Sharing, TestPower,
+};
 use crate::camera::INTERIOR_NAMES;
 use crate::geometry::OmegaPhiKappa;
 use crate::network::reason_of_length;
 use crate::plain_network::{
-    HeldParameter, PlainAdjustment, PlainDatum, PlainNetwork, PlainParameter,
+    HeldParameter, PlainAdjustment, PlainCamera, PlainDatum, PlainNetwork, PlainParameter,
 };
+
+/// Stands in the place of the state of a parameter that each image has for itself.
+const PER_IMAGE: &str = "per image";
 
 /// What `adjust --json` tells.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -72,11 +77,12 @@ pub struct CameraRow {
 pub struct ParameterRow {
     /// Its name.
     pub name: &'static str,
-    /// Its value.
+    /// Its value; the starting value where each image has its own.
     pub value: f64,
-    /// Its standard deviation; 0 where it was held.
+    /// Its standard deviation; 0 where it was held or each image has its own.
     pub sigma: f64,
-    /// `free`, `weighted`, `fixed`, or `held` where the observations do not determine a free one.
+    /// `free`, `weighted`, `fixed`, or `held` where the observations do not determine a free one; `per image` in the row of a camera
+    /// whose images have it for themselves.
     pub state: &'static str,
     /// Of a weighted one: computed minus known.
     pub residual: Option<f64>,
@@ -104,6 +110,9 @@ pub struct ImageRow {
     pub sigma_mm: [f64; 3],
     /// Standard deviations of turns about the camera's axes, degrees.
     pub sigma_turn_deg: [f64; 3],
+    /// Camera parameters that the image has for itself.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub parameters: Vec<ParameterRow>,
 }
 
 /// A point.
@@ -196,29 +205,21 @@ impl PlainReport {
             .filter(|&camera| used(camera))
             .map(|camera| {
                 let own = &network.cameras[camera];
-                let values = a.cameras[camera].camera.interior.to_vector();
                 let held = |parameter: usize| HeldParameter { camera, parameter };
-                let parameter = |k: usize| {
+                let row = |k: usize| {
                     let known = a.cameras[camera].known[k];
-                    ParameterRow {
-                        name: INTERIOR_NAMES[k],
-                        value: values[k],
-                        sigma: a.cameras[camera].covariance[(k, k)].max(0.0).sqrt(),
-                        state: match own.parameters[k] {
-                            PlainParameter::Fixed => "fixed",
-                            _ if adjusted.held.contains(&held(k)) => "held",
-                            PlainParameter::Weighted { .. } if known.is_some() => "weighted",
-                            _ => "free",
-                        },
-                        residual: known.map(|known| known.residual),
-                        redundancy: known.map(|known| known.redundancy),
-                        test: known.map(|known| known.normalised),
-                        significance: significance(a, camera, k),
-                    }
+                    let state = match own.parameters[k] {
+                        PlainParameter::Fixed => "fixed",
+                        _ if adjusted.held.contains(&held(k)) => "held",
+                        _ if own.sharing[k] == Sharing::Image => PER_IMAGE,
+                        PlainParameter::Weighted { .. } if known.is_some() => "weighted",
+                        _ => "free",
+                    };
+                    parameter_row(&a.cameras[camera], a.redundancy, k, state)
                 };
                 CameraRow {
                     camera: own.name.clone(),
-                    parameters: (0..10).map(parameter).collect(),
+                    parameters: (0..10).map(row).collect(),
                 }
             });
         let images = adjusted
@@ -239,6 +240,11 @@ impl PlainReport {
                     }),
                     sigma_mm: [3, 4, 5].map(sigma),
                     sigma_turn_deg: [0, 1, 2].map(|k| sigma(k).to_degrees()),
+                    parameters: own_parameters(
+                        &network.cameras[station.camera],
+                        station,
+                        a.redundancy,
+                    ),
                 }
             });
         let points = adjusted
@@ -382,6 +388,7 @@ impl PlainReport {
             writeln!(text, "\ncamera '{}'", camera.camera)?;
             for row in &camera.parameters {
                 match row.state {
+                    PER_IMAGE => writeln!(text, "  {:<3} {PER_IMAGE}", row.name)?,
                     "fixed" | "held" => {
                         writeln!(
                             text,
@@ -402,6 +409,19 @@ impl PlainReport {
                     }
                 }
             }
+        }
+        for image in self.images.iter().filter(|i| !i.parameters.is_empty()) {
+            write!(text, "\nimage '{}'", image.image)?;
+            for row in &image.parameters {
+                write!(
+                    text,
+                    "  {} {:.7e} +- {:.2e}",
+                    row.name, row.value, row.sigma
+                )?;
+            }
+        }
+        if self.images.iter().any(|i| !i.parameters.is_empty()) {
+            writeln!(text)?;
         }
         if let Some(rms) = rms(self.points.iter().map(|point| point.sigma_mm)) {
             writeln!(
@@ -463,6 +483,48 @@ impl PlainReport {
     }
 }
 
+fn state(parameter: PlainParameter) -> &'static str {
+    match parameter {
+        PlainParameter::Fixed => "fixed",
+        PlainParameter::Free => "free",
+        PlainParameter::Weighted { .. } => "weighted",
+    }
+}
+
+fn parameter_row(
+    camera: &AdjustedCamera,
+    redundancy: usize,
+    parameter: usize,
+    state: &'static str,
+) -> ParameterRow {
+    let known = camera.known[parameter];
+    ParameterRow {
+        name: INTERIOR_NAMES[parameter],
+        value: camera.camera.interior.to_vector()[parameter],
+        sigma: camera.covariance[(parameter, parameter)].max(0.0).sqrt(),
+        state,
+        residual: known.map(|known| known.residual),
+        redundancy: known.map(|known| known.redundancy),
+        test: known.map(|known| known.normalised),
+        significance: significance(camera, redundancy, parameter),
+    }
+}
+
+/// The parameters of its camera that a station has for itself.
+fn own_parameters(
+    camera: &PlainCamera,
+    station: &AdjustedStation,
+    redundancy: usize,
+) -> Vec<ParameterRow> {
+    let own = (0..10).filter(|&k| camera.sharing[k] == Sharing::Image);
+    let row = |k: usize| {
+        let interior = station.interior.as_ref()?;
+        let state = state(camera.parameters[k]);
+        Some(parameter_row(interior, redundancy, k, state))
+    };
+    own.filter_map(row).collect()
+}
+
 fn rms(rows: impl Iterator<Item = [f64; 3]>) -> Option<[f64; 3]> {
     let mut count = 0;
     let mut squares = [0.0; 3];
@@ -473,4 +535,88 @@ fn rms(rows: impl Iterator<Item = [f64; 3]>) -> Option<[f64; 3]> {
         }
     }
     (count > 0).then(|| squares.map(|sum| (sum / f64::from(count)).sqrt()))
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+    use crate::geometry::Pose;
+    use crate::monitor::Monitor;
+    use crate::plain_network::{
+        DatumPoints, NamedText, PlainImage, PlainObservation, PlainPoint, PlainSettings, from_json,
+        to_json,
+    };
+
+    /// Six images of twenty points on two levels, without noise; each image has x0 and y0 for itself.
+    fn network() -> PlainNetwork {
+        let camera = r#"{"name":"A","width_px":4000,"height_px":3000,"pixel_pitch_mm":0.005,"values":{"c":24},
+            "free":["c"],"weighted":{"x0":0.05,"y0":0.05},"per_image":["x0","y0"]}"#;
+        let text = format!(
+            r#"{{"format":"tiepoint-network","version":1,"cameras":[{camera}],"images":[],"points":[],"observations":[]}}"#
+        );
+        let named = |text| NamedText { file: "net", text };
+        let mut network = from_json(named(&text)).unwrap();
+        network.datum = PlainDatum::InnerConstraints(DatumPoints::All);
+        let place = |k: usize| {
+            let [x, y, z] = [k % 5, k / 5, k % 3].map(|n| n as f64);
+            Vector3::new(100.0 * x - 200.0, 110.0 * y - 165.0, 60.0 * z)
+        };
+        for k in 0..20 {
+            let start = Some(place(k).into());
+            network.points.push(PlainPoint::new(format!("P{k}"), start));
+        }
+        for image in 0..6 {
+            let around = std::f64::consts::TAU * image as f64 / 6.0;
+            let from = Vector3::new(600.0 * around.cos(), 600.0 * around.sin(), 900.0);
+            let roll = 1.6 * image as f64;
+            let pose = Pose::looking_at(from, Vector3::zeros(), Vector3::y(), roll);
+            network.images.push(PlainImage {
+                name: format!("I{image}"),
+                camera: 0,
+                start: Some(pose),
+            });
+            for point in 0..20 {
+                let in_camera = pose.camera_from_point(&place(point));
+                let pixel = network.cameras[0].camera().project(&in_camera).unwrap();
+                network.observations.push(PlainObservation {
+                    image,
+                    point,
+                    x_px: pixel.x,
+                    y_px: pixel.y,
+                    sigma_px: 0.1,
+                });
+            }
+        }
+        let text = to_json(&network).unwrap();
+        from_json(named(&text)).unwrap()
+    }
+
+    #[test]
+    fn what_each_image_has_for_itself_stands_with_the_image() {
+        let network = network();
+        let adjusted = network.adjust(&PlainSettings::default(), &Monitor::new());
+        let report = PlainReport::new(&network, &adjusted.unwrap());
+        let states: Vec<&str> = report.cameras[0]
+            .parameters
+            .iter()
+            .map(|p| p.state)
+            .collect();
+        assert_eq!(states[..4], ["free", PER_IMAGE, PER_IMAGE, "fixed"]);
+        for image in &report.images {
+            let [x0, y0] = &image.parameters[..] else {
+                panic!("{:?}", image.parameters);
+            };
+            assert_eq!([x0.name, y0.name], ["x0", "y0"]);
+            for row in [x0, y0] {
+                assert_eq!(row.state, "weighted");
+                assert!(row.value.abs() < 1e-6);
+            }
+        }
+        let text = report.text();
+        assert!(text.contains("\n  x0  per image\n"), "{text}");
+        let lines = text.lines().filter(|line| line.starts_with("image 'I"));
+        assert_eq!(lines.filter(|line| line.contains("  y0 ")).count(), 6);
+    }
 }

@@ -3,8 +3,8 @@
 use serde::Serialize;
 
 use crate::adjustment::{
-    Adjustment, ObservationStatus, Sigma0Test, Sigma0Verdict, TestPower, normal_critical,
-    student_critical, tau_critical,
+    AdjustedCamera, Adjustment, ObservationStatus, Sigma0Test, Sigma0Verdict, TestPower,
+    normal_critical, student_critical, tau_critical,
 };
 use crate::camera::INTERIOR_NAMES;
 use crate::plain_network::GroupComponent;
@@ -197,18 +197,18 @@ impl SignificanceRow {
 
 /// The significance of an estimated parameter of a camera; `None` for one that was held.
 pub(super) fn significance(
-    adjustment: &Adjustment,
-    camera: usize,
+    camera: &AdjustedCamera,
+    redundancy: usize,
     parameter: usize,
 ) -> Option<SignificanceRow> {
-    let covariance = &adjustment.cameras[camera].covariance;
+    let covariance = &camera.covariance;
     let sigma = covariance[(parameter, parameter)].max(0.0).sqrt();
     if sigma <= 0.0 {
         return None;
     }
-    let value = adjustment.cameras[camera].camera.interior.to_vector()[parameter];
+    let value = camera.camera.interior.to_vector()[parameter];
     let t = (parameter > 0).then_some(value / sigma);
-    let critical = student_critical(LEVEL, adjustment.redundancy as f64);
+    let critical = student_critical(LEVEL, redundancy as f64);
     let correlation = |other: usize| {
         let scale = sigma * covariance[(other, other)].max(0.0).sqrt();
         (other != parameter && scale > 0.0).then(|| covariance[(parameter, other)] / scale)

@@ -10,7 +10,7 @@ use super::scale::{bars_in_reach, scale_source};
 use crate::adjustment::{
     Adjustment, AdjustmentError, BundleProblem, CameraBlock, CoordinatePrior, Datum,
     DistanceObservation, ImageObservation, ObservationStatus, ParameterName, PointBlock,
-    ProblemPart, ResidualPlane, Settled, SettledPoint, StationBlock,
+    ProblemPart, ResidualPlane, Settled, SettledPoint, Sharing, StationBlock,
 };
 use crate::camera::INTERIOR_NAMES;
 use crate::geometry::ThreeTwoOne;
@@ -179,6 +179,7 @@ impl Bundle {
                     CameraBlock {
                         camera: entry.camera.clone(),
                         parameters: parameter_states((*id, entry), freedom, images_of_camera[id]),
+                        sharing: [Sharing::Camera; 10],
                     }
                 })
                 .collect(),
@@ -280,6 +281,9 @@ impl Bundle {
                                 INTERIOR_NAMES[*parameter],
                                 camera(*index)
                             )
+                        }
+                        ParameterName::Image { index, parameter } => {
+                            format!("{} of {}", INTERIOR_NAMES[*parameter], image(*index))
                         }
                         ParameterName::Station { index, component } => {
                             format!("{component} of {}", image(*index))

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::Vector2;
 use tiepoint::adjustment::{
     BundleProblem, BundleSettings, CameraBlock, Datum, ImageObservation, ParameterState,
-    PointBlock, ResidualPlane, StationBlock, adjust,
+    PointBlock, ResidualPlane, Sharing, StationBlock, adjust,
 };
 use tiepoint::camera::Camera;
 use tiepoint::monitor::Monitor;
@@ -151,7 +151,11 @@ impl Scene {
             Known::SpreadOfTrials => spread_of_trials(told, &camera),
             Known::SpreadOfLenses => spread_of_lenses(told),
         };
-        CameraBlock { camera, parameters }
+        CameraBlock {
+            camera,
+            parameters,
+            sharing: [Sharing::Camera; 10],
+        }
     }
 }
 

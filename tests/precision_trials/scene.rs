@@ -8,7 +8,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use tiepoint::adjustment::{
     BundleProblem, CameraBlock, CoordinatePrior, Datum, DistanceObservation, ImageObservation,
-    ParameterState, PointBlock, ResidualPlane, StationBlock,
+    ParameterState, PointBlock, ResidualPlane, Sharing, StationBlock,
 };
 use tiepoint::camera::{Camera, InteriorOrientation};
 use tiepoint::geometry::Pose;
@@ -220,7 +220,11 @@ fn lens(chance: &mut Chance, truth: &Camera, stations: usize, solid: bool) -> Ca
         ParameterState::Fixed => values[p],
     });
     camera.interior = camera.interior.with_values(&start);
-    CameraBlock { camera, parameters }
+    CameraBlock {
+        camera,
+        parameters,
+        sharing: [Sharing::Camera; 10],
+    }
 }
 
 impl Scene {
