@@ -1,5 +1,6 @@
-//! Bundle adjustments of large networks: `cargo bench --bench bundle -- FOLDER [THREADS]`, with a folder of the tables that
-//! `benches/bundle_peers.py` writes (camera, stations0, points0, obs). Prints one line of JSON.
+//! Bundle adjustments of large networks: `cargo bench --bench bundle -- FOLDER [THREADS [opencv|brown]]`, with a folder of the
+//! tables that `benches/bundle_peers.py` writes (camera, stations0, points0, obs). Prints one line of JSON. `brown` is the lens of
+//! ten parameters that corrects what is measured, in place of the nine of OpenCV that the networks were made with.
 
 #![allow(clippy::print_stdout, reason = "a program whose result is its line")]
 
@@ -34,11 +35,24 @@ fn main() {
         .num_threads(threads)
         .build()
         .expect("a pool of threads");
-    pool.install(|| measure(Path::new(folder)));
+    let lens = match words.get(2).map(String::as_str) {
+        Some("brown") => Lens::Brown,
+        _ => Lens::OpenCv,
+    };
+    pool.install(|| measure(Path::new(folder), lens));
 }
 
-fn measure(folder: &Path) {
-    let problem = problem(folder);
+/// What is estimated of the camera.
+#[derive(Clone, Copy)]
+enum Lens {
+    /// Nine parameters that displace the ideal image.
+    OpenCv,
+    /// Ten that correct the measured one.
+    Brown,
+}
+
+fn measure(folder: &Path, lens: Lens) {
+    let problem = problem(folder, lens);
     let [stations, points, observations] = [
         problem.stations.len(),
         problem.points.len(),
@@ -85,8 +99,8 @@ fn table(folder: &Path, file: &str) -> Vec<Vec<f64>> {
         .collect()
 }
 
-/// The network with its disturbed starts, OpenCV's nine parameters free, inner constraints over all points.
-fn problem(folder: &Path) -> BundleProblem {
+/// The network with its disturbed starts, the parameters of the lens free, inner constraints over all points.
+fn problem(folder: &Path, lens: Lens) -> BundleProblem {
     let camera = table(folder, "camera.txt");
     let [width, height, pitch] = [camera[0][0], camera[0][1], camera[0][2]];
     let [fx, fy, cx, cy] = [camera[2][0], camera[2][1], camera[2][2], camera[2][3]];
@@ -94,9 +108,11 @@ fn problem(folder: &Path) -> BundleProblem {
     let mut interior = InteriorOrientation::pinhole(c);
     interior.principal_point = [(cx - width / 2.0) * pitch, (height / 2.0 - cy) * pitch];
     interior.affinity = [fx / fy - 1.0, 0.0];
-    interior.direction = LensDirection::DisplacingAffinityLast;
     let mut parameters = [ParameterState::Free; 10];
-    parameters[9] = ParameterState::Fixed;
+    if let Lens::OpenCv = lens {
+        interior.direction = LensDirection::DisplacingAffinityLast;
+        parameters[9] = ParameterState::Fixed;
+    }
     let points: Vec<PointBlock> = table(folder, "points0.txt")
         .iter()
         .map(|row| PointBlock::unknown(Vector3::new(row[1], row[2], row[3])))

@@ -32,8 +32,8 @@ def of_peer(script, *words):
     return last_line([sys.executable, script, *words], cwd=peers)
 
 
-print("| network | Ceres, s | Tiepoint, s | ratio | sigma0 px, both | numpy covariances, s | Tiepoint's statistics, s | ratio | mean sigma mm, both |")
-print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
+print("| network | Ceres, s | Tiepoint, s | ratio | sigma0 px, both | ten parameters, s | sigma0 px | numpy covariances, s | Tiepoint's statistics, s | ratio | mean sigma mm, both |")
+print("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |")
 for net in nets:
     folder = os.path.join(out, "net", net)
     if not os.path.isdir(folder):
@@ -42,12 +42,13 @@ for net in nets:
     for _ in range(repeats):
         ceres = of_peer("ba_pycolmap.py", net, "sparse", "2")
         numpy = of_peer("ba_cov_numpy.py", net, "2")
-        runs.append((ceres, numpy, last_line([ours, folder, "2"])))
+        runs.append((ceres, numpy, last_line([ours, folder, "2"]), last_line([ours, folder, "2", "brown"])))
     median = lambda of: statistics.median(of(run) for run in runs)
     ceres, own = median(lambda r: r[0]["solve_s"]), median(lambda r: r[2]["solve_s"])
     numpy, statistic = median(lambda r: r[1]["total_s"]), median(lambda r: r[2]["statistics_s"])
+    brown = median(lambda r: r[3]["solve_s"])
     first = runs[0]
     print(
-        f"| {net} | {ceres:.4f} | {own:.4f} | {own / ceres:.2f} | {first[0]['sigma0_px']:.6f} / {first[2]['sigma0_px']:.6f} "
+        f"| {net} | {ceres:.4f} | {own:.4f} | {own / ceres:.2f} | {first[0]['sigma0_px']:.6f} / {first[2]['sigma0_px']:.6f} | {brown:.4f} | {first[3]['sigma0_px']:.6f} "
         f"| {numpy:.4f} | {statistic:.4f} | {statistic / numpy:.2f} | {first[1]['mean_sd_mm']:.5f} / {first[2]['mean_sd_mm']:.5f} |"
     )
