@@ -1,7 +1,7 @@
 //! A project from the files of another program: what it measured counts as measured here.
 //!
-//! [`sources`] finds and reads the program's files, [`pictures`] the picture files beside them, [`names`] gives its points
-//! their ids, [`document`] makes the network of it all. What a project has otherwise than the file is a finding
+//! `sources` finds and reads the program's files, `pictures` the picture files beside them, `names` gives its points
+//! their ids, `document` makes the network of it all. What a project has otherwise than the file is a finding
 //! ([`crate::network::FindingKind::Import`]); nothing is changed in silence.
 
 mod document;
