@@ -387,7 +387,7 @@ fn check_input(problem: &BundleProblem) -> Result<(), AdjustmentError> {
         check(
             ProblemPart::Point,
             i,
-            priors && p.position.iter().all(|x| x.is_finite()),
+            priors && p.weights().is_some() && p.position.iter().all(|x| x.is_finite()),
         )?;
     }
     for (i, o) in problem.observations.iter().enumerate() {

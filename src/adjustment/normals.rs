@@ -365,10 +365,9 @@ impl System<'_> {
             own += by_point * rows.by_point;
             right_side -= by_point * residual;
         }
-        for (axis, weight, right) in self.priors(frame) {
-            own[(axis, axis)] += weight;
-            right_side[axis] += right;
-        }
+        let (weights, right) = self.priors(frame);
+        own += weights;
+        right_side += right;
         for axis in 0..3 {
             own[(axis, axis)] *= 1.0 + self.damping;
         }
@@ -390,14 +389,13 @@ impl System<'_> {
         Some((rows, equation.residual * weight.sqrt()))
     }
 
-    /// Axis, weight and right side of the observed coordinates of a point.
-    fn priors(&self, frame: &PointFrame) -> impl Iterator<Item = (usize, f64, f64)> {
-        let position = self.state.points[frame.point];
-        let priors = self.problem.points[frame.point].weighted_coordinates();
-        priors.map(move |(axis, value, sigma)| {
-            let weight = sigma.powi(-2);
-            (axis, weight, -weight * (position[axis] - value))
-        })
+    /// Weights and right side of the observed coordinates of a point.
+    fn priors(&self, frame: &PointFrame) -> (Matrix3<f64>, Vector3<f64>) {
+        let block = &self.problem.points[frame.point];
+        // The problem was checked.
+        let weights = block.weights().unwrap_or_else(Matrix3::zeros);
+        let right_side = -(weights * block.off_known(&self.state.points[frame.point]));
+        (weights, right_side)
     }
 }
 
@@ -432,11 +430,13 @@ impl BlockColumns<'_> {
         }
         if frame.own_at == Some(place) {
             let axes = &system.layout.unknown_axes[frame.point];
-            for (axis, weight, right) in system.priors(frame) {
-                let own = axes.partition_point(|&before| before < axis);
-                self.values[own * self.height + own] += weight;
-                self.diagonal[own] += weight;
-                self.right_side[own] += right;
+            let (weights, right) = system.priors(frame);
+            for (column, &axis) in axes.iter().enumerate() {
+                for (row, &other) in axes.iter().enumerate().skip(column) {
+                    self.values[column * self.height + row] += weights[(other, axis)];
+                }
+                self.diagonal[column] += weights[(axis, axis)];
+                self.right_side[column] += right[axis];
             }
         }
         if let Some(normal) = normal {

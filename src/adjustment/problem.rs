@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{Matrix3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Camera;
@@ -79,6 +79,8 @@ pub struct PointBlock {
     pub position: Vector3<f64>,
     /// Known coordinates x, y, z; `None` where unknown.
     pub prior: [Option<CoordinatePrior>; 3],
+    /// Correlation coefficients x-y, x-z, y-z of the weighted ones among them; zeros where they were measured each for itself.
+    pub correlations: [f64; 3],
     /// The circle about it, of whose images the centres are measured; `None` for a point that is measured itself. It
     /// moves with the network and is not estimated.
     pub circle: Option<Circle>,
@@ -91,6 +93,7 @@ impl PointBlock {
         Self {
             position,
             prior: [None; 3],
+            correlations: [0.0; 3],
             circle: None,
         }
     }
@@ -144,6 +147,48 @@ impl PointBlock {
             Some(CoordinatePrior::Weighted { value, sigma }) => Some((axis, *value, *sigma)),
             _ => None,
         })
+    }
+
+    /// The covariance matrix of the weighted coordinates, mm^2, with ones on the diagonal in the place of all others.
+    fn prior_covariance(&self) -> Matrix3<f64> {
+        let mut sigmas = [None; 3];
+        for (axis, _, sigma) in self.weighted_coordinates() {
+            sigmas[axis] = Some(sigma);
+        }
+        Matrix3::from_fn(|i, j| match (sigmas[i], sigmas[j]) {
+            (Some(a), Some(_)) if i == j => a * a,
+            // x-y, x-z, y-z: one less than the sum of the axes.
+            (Some(a), Some(b)) => self.correlations[i + j - 1] * a * b,
+            _ => f64::from(u8::from(i == j)),
+        })
+    }
+
+    /// The weight matrix of the known coordinates, mm^-2, with zeros for those that are no observations; `None` where the
+    /// correlations cannot be.
+    pub(super) fn weights(&self) -> Option<Matrix3<f64>> {
+        let mut weights = Matrix3::zeros();
+        if self.correlations == [0.0; 3] {
+            for (axis, _, sigma) in self.weighted_coordinates() {
+                weights[(axis, axis)] = sigma.powi(-2);
+            }
+            return Some(weights);
+        }
+        let inverse = self.prior_covariance().cholesky()?.inverse();
+        for (i, ..) in self.weighted_coordinates() {
+            for (j, ..) in self.weighted_coordinates() {
+                weights[(i, j)] = inverse[(i, j)];
+            }
+        }
+        Some(weights)
+    }
+
+    /// Computed less known coordinates at a position, mm; zeros for those that are no observations.
+    pub(super) fn off_known(&self, position: &Vector3<f64>) -> Vector3<f64> {
+        let mut off = Vector3::zeros();
+        for (axis, value, _) in self.weighted_coordinates() {
+            off[axis] = position[axis] - value;
+        }
+        off
     }
 
     /// Axes of the coordinates that are unknowns.

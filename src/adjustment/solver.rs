@@ -482,8 +482,10 @@ pub(super) fn other_squares(problem: &BundleProblem, layout: &Layout, state: &St
         sum += (equation.residual / d.sigma_mm).powi(2);
     }
     for frame in &layout.frames {
-        for (axis, value, sigma) in problem.points[frame.point].weighted_coordinates() {
-            sum += ((state.points[frame.point][axis] - value) / sigma).powi(2);
+        let block = &problem.points[frame.point];
+        let off = block.off_known(&state.points[frame.point]);
+        if let Some(weights) = block.weights() {
+            sum += off.dot(&(weights * off));
         }
     }
     for prior in interior_priors(problem, layout, state) {

@@ -1,11 +1,11 @@
 //! Exact statistics of a converged adjustment: covariances in the chosen datum, redundancy, reliability.
 
-use nalgebra::{DMatrix, Matrix3, Matrix3x2, Matrix6, SMatrix, Vector2, Vector3};
+use nalgebra::{DMatrix, Matrix3, Matrix3x2, Matrix6, SMatrix, Vector2};
 use rayon::prelude::*;
 
 use super::equations::{Equations, State};
 use super::interior::{interior_priors, own_interior};
-use super::known::KnownStatistics;
+use super::known::{KnownStatistics, known_coordinates};
 use super::layout::{Layout, PointFrame};
 use super::normals::{distance_row, whitened_rows};
 use super::selected_inverse::SelectedInverse;
@@ -32,8 +32,8 @@ struct RayCofactors {
 /// Cofactors of a point and of its rays.
 struct PointStatistics {
     cofactor: Matrix3<f64>,
-    /// Cofactors of x, y, z in the regularised system: a known coordinate is estimable, so that no datum changes its own.
-    regularised: Vector3<f64>,
+    /// Cofactors of x, y, z in the regularised system: known coordinates are estimable, so that no datum changes theirs.
+    regularised: Matrix3<f64>,
     rays: Vec<RayCofactors>,
 }
 
@@ -200,7 +200,7 @@ fn point_statistics(network: &SolvedNetwork, at: usize, frame: &PointFrame) -> P
             response,
         })
     });
-    let regularised = own.diagonal();
+    let regularised = own;
     let own = DMatrix::from_fn(3, 3, |i, j| own[(i, j)]);
     let cofactor = transformation.apply(&own, &g, c);
     let cofactor: Matrix3<f64> = cofactor.fixed_view::<3, 3>(0, 0).into_owned();
@@ -302,11 +302,9 @@ fn adjusted_points(
             }
         }
         point.covariance = Some(covariance);
-        for (axis, value, sigma) in problem.points[frame.point].weighted_coordinates() {
-            let residual = state.points[frame.point][axis] - value;
-            let cofactor = statistics.regularised[axis];
-            point.known[axis] = Some(KnownStatistics::of(residual, sigma, cofactor));
-        }
+        let block = &problem.points[frame.point];
+        let off = block.off_known(&state.points[frame.point]);
+        point.known = known_coordinates(block, &off, &statistics.regularised);
         point.rays = frame.rays.iter().filter(|r| r.used).count();
     }
     points

@@ -420,6 +420,7 @@ impl PlainNetwork {
         });
         let blocks = points.iter().filter_map(|&point| {
             let mut block = PointBlock::unknown(starts.positions[point]?);
+            block.correlations = self.points[point].correlations;
             let is_control = self.points[point].role == PointRole::Control;
             let is_used = |axis: usize| is_control && usable.known[point][axis];
             block.prior = [0, 1, 2].map(|axis| {

@@ -273,6 +273,14 @@ fn check_point(point: &PlainPoint) -> Result<(), NetworkFault> {
             positive(&about, "sigma_mm", sigma)?;
         }
     }
+    if !are_correlations(point.correlations) {
+        let [a, b, c] = point.correlations;
+        return Err(NetworkFault::new(
+            about,
+            format!("correlations {a}, {b}, {c}"),
+            "those of a covariance matrix (x-y, x-z, y-z)",
+        ));
+    }
     let knows = point.known.iter().any(Option::is_some);
     match point.role {
         PointRole::New if knows => Err(NetworkFault::new(
@@ -287,6 +295,12 @@ fn check_point(point: &PlainPoint) -> Result<(), NetworkFault> {
         )),
         _ => Ok(()),
     }
+}
+
+/// Whether three coordinates can be correlated so: whether the matrix of the coefficients is positive definite.
+fn are_correlations([xy, xz, yz]: [f64; 3]) -> bool {
+    let determinant = 1.0 + 2.0 * xy * xz * yz - xy * xy - xz * xz - yz * yz;
+    xy.abs() < 1.0 && determinant > 0.0
 }
 
 fn check_expansion(about: &str, expansion: &Expansion) -> Result<(), NetworkFault> {
@@ -394,7 +408,11 @@ mod tests {
                 centre_in_world: Vector3::zeros(),
             });
         };
-        let cases: [(Damage, &str); 22] = [
+        let cases: [(Damage, &str); 23] = [
+            (
+                |n| n.points[3].correlations = [0.9, 0.9, -0.9],
+                "point 'P4': found correlations 0.9, 0.9, -0.9, expected those of a covariance matrix (x-y, x-z, y-z)",
+            ),
             (
                 |n| n.images[1].name = "left".into(),
                 "image 'left': found a second one of this name, expected one",

@@ -174,6 +174,7 @@ fn read_control(source: NamedText<'_>) -> Result<Vec<PlainPoint>, ImportError> {
             name: row.text(0, "point")?.to_owned(),
             start: Some(at),
             known: [0, 1, 2].map(known),
+            correlations: [0.0; 3],
             role: PointRole::Control,
         })
     };

@@ -247,6 +247,9 @@ pub(super) fn random_network(seed: u64) -> PlainNetwork {
             });
         }
     }
+    if random.random_range(0..2) > 0 {
+        network.points[3].correlations = [0; 3].map(|_| random.random_range(-0.5..0.5));
+    }
     for observation in &mut network.observations {
         observation.x_px = number(random);
         observation.y_px = number(random);

@@ -41,7 +41,7 @@ use crate::network::{Expansion, REFERENCE_CELSIUS};
 /// What may be left out: `residuals` (measured), `sigma_px` where every observation gives its own, `datum` (control
 /// where there are control points, else inner constraints on all points), `distances`, `lens` (correcting), values that
 /// are 0, `free` and `weighted` (the parameter is fixed), `per_image` (all images of the camera share it), the camera of an image if
-/// there is only one, starts, `known` with the `sigma_mm` in it (the coordinate is fixed), `role` (control where something is known),
+/// there is only one, starts, `known` with the `sigma_mm` in it (the coordinate is fixed) and `correlations` of x-y, x-z, y-z (zeros), `role` (control where something is known),
 /// and what warmth did to a bar or to the object (nothing is known of it; `calibrated_at_c` and `reference_c` are 20). Other keys
 /// are refused.
 ///
@@ -178,6 +178,7 @@ fn point_form(point: &PlainPoint) -> PointForm {
         name: point.name.clone(),
         start_mm: point.start,
         known: known.iter().any(Option::is_some).then_some(known),
+        correlations: (point.correlations != [0.0; 3]).then_some(point.correlations),
         role,
     }
 }
@@ -432,6 +433,7 @@ fn point(form: &PointForm) -> PlainPoint {
         name: form.name.clone(),
         start: form.start_mm,
         known,
+        correlations: form.correlations.unwrap_or_default(),
         role: match form.role {
             Some(RoleForm::Control) => PointRole::Control,
             Some(RoleForm::Check) => PointRole::Check,

@@ -112,6 +112,9 @@ pub(super) struct PointForm {
     /// x, y, z; `null` for one that is not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) known: Option<[Option<KnownForm>; 3]>,
+    /// Left out: the known coordinates are not correlated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) correlations: Option<[f64; 3]>,
     /// Left out: control where a coordinate is known, else new.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) role: Option<RoleForm>,

@@ -84,6 +84,8 @@ pub struct PlainPoint {
     pub start: Option<[f64; 3]>,
     /// Known coordinates, each for itself.
     pub known: [Option<Known>; 3],
+    /// Correlation coefficients x-y, x-z, y-z of those with a standard deviation.
+    pub correlations: [f64; 3],
     /// What the known coordinates are for.
     pub role: PointRole,
 }
@@ -194,6 +196,7 @@ impl PlainPoint {
             name: name.into(),
             start,
             known: [None; 3],
+            correlations: [0.0; 3],
             role: PointRole::New,
         }
     }
