@@ -240,14 +240,15 @@ fn stage_row(
     }
 }
 
-/// What to do where no image shows a code: mostly others were looked for.
+/// What to do where no image shows a code: mostly others were looked for. A network that stands without codes needs none.
 fn no_codes(network: &Network) -> Option<String> {
     let mut detections = network
         .used_images()
         .filter_map(|(_, image)| image.detections.as_ref())
         .peekable();
     detections.peek()?;
-    if detections.any(|detections| !detections.codes.is_empty()) {
+    let is_oriented = network.oriented_images().next().is_some();
+    if is_oriented || detections.any(|detections| !detections.codes.is_empty()) {
         return None;
     }
     let families: Vec<String> = network
