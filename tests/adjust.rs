@@ -27,24 +27,27 @@ fn network() -> Value {
     network
 }
 
+/// What it answers about the network in the folder with these further arguments.
+fn adjusted(folder: &Folder, more: &[&str]) -> Value {
+    let arguments = [&["adjust", "--network", "net.json", "--json"], more].concat();
+    folder.run(&arguments).json()
+}
+
 #[test]
 fn distances_and_angles_have_their_standard_deviations() {
     let folder = Folder::new("derived");
     folder.write("net.json", network().to_string());
-    let report = folder
-        .run(&[
-            "adjust",
-            "--network",
-            "net.json",
-            "--json",
+    let report = adjusted(
+        &folder,
+        &[
             "--distance",
             "P0,P11",
             "--distance",
             "P4,P7",
             "--angle",
             "P0,P5,P3",
-        ])
-        .json();
+        ],
+    );
     let derived = report["derived"].as_array().unwrap();
     assert_eq!(derived.len(), 3);
     let number = |row: &Value, key: &str| row[key].as_f64().unwrap();
@@ -67,19 +70,7 @@ fn distances_and_angles_have_their_standard_deviations() {
 fn the_datum_changes_sigmas_and_nothing_that_was_measured() {
     let folder = Folder::new("datum");
     folder.write("net.json", network().to_string());
-    let with = |datum: &str| {
-        let arguments = [
-            "adjust",
-            "--network",
-            "net.json",
-            "--json",
-            "--distance",
-            "P0,P11",
-            "--datum",
-            datum,
-        ];
-        folder.run(&arguments).json()
-    };
+    let with = |datum: &str| adjusted(&folder, &["--distance", "P0,P11", "--datum", datum]);
     let [all, few] = ["all", "P0,P3,P8,P11"].map(with);
     for key in ["value", "sigma"] {
         let [a, b] = [&all, &few].map(|r| r["derived"][0][key].as_f64().unwrap());
@@ -96,16 +87,7 @@ fn the_datum_changes_sigmas_and_nothing_that_was_measured() {
 fn the_whole_covariance_matrix_is_written() {
     let folder = Folder::new("covariance");
     folder.write("net.json", network().to_string());
-    let report = folder
-        .run(&[
-            "adjust",
-            "--network",
-            "net.json",
-            "--json",
-            "--covariance",
-            "q.csv",
-        ])
-        .json();
+    let report = adjusted(&folder, &["--covariance", "q.csv"]);
     let text = folder.text("q.csv");
     let rows: Vec<Vec<&str>> = text.lines().map(|l| l.split(',').collect()).collect();
     let names = &rows[0][1..];
@@ -124,9 +106,7 @@ fn the_whole_covariance_matrix_is_written() {
 fn reliability_is_told() {
     let folder = Folder::new("reliability");
     folder.write("net.json", network().to_string());
-    let report = folder
-        .run(&["adjust", "--network", "net.json", "--json"])
-        .json();
+    let report = adjusted(&folder, &[]);
     let sigma0 = report["sigma0"].as_f64().unwrap();
     let reliability = &report["reliability"];
     assert_eq!(reliability["residuals"], 2 * 72);
@@ -143,9 +123,7 @@ fn reliability_is_told() {
             assert!(row["effect_mm"][axis].as_f64().unwrap() > 0.0);
         }
     }
-    let again = folder
-        .run(&["adjust", "--network", "net.json", "--json", "--components"])
-        .json();
+    let again = adjusted(&folder, &["--components"]);
     assert!((again["sigma0"].as_f64().unwrap() - 1.0).abs() < 1e-3);
     let answer = folder.run(&["adjust", "--network", "net.json"]);
     let text = answer.done();
@@ -164,17 +142,7 @@ fn gross_errors_are_found_by_each_test() {
     let expected = [seen[0].clone(), seen[1].clone()];
     folder.write("net.json", network.to_string());
     for test in ["robust", "w", "tau"] {
-        let report = folder
-            .run(&[
-                "adjust",
-                "--network",
-                "net.json",
-                "--json",
-                "--reject",
-                "--test",
-                test,
-            ])
-            .json();
+        let report = adjusted(&folder, &["--reject", "--test", test]);
         let rows = report["image_points"].as_array().unwrap();
         let rejected: Vec<_> = rows.iter().filter(|r| r["status"] == "rejected").collect();
         assert_eq!(rejected.len(), 1, "{test}");

@@ -7,29 +7,13 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use common::Folder;
-use data_sets::{data, say};
+use data_sets::{adjusted, data, named, say, text};
 use nalgebra::Vector3;
 use tiepoint::adjustment::ResidualPlane;
 use tiepoint::geometry::{Scale, fit_similarity};
-use tiepoint::monitor::Monitor;
 use tiepoint::plain_network::{
-    AiconTexts, DbatTexts, NamedText, PlainAdjustment, PlainNetwork, PlainSettings, from_aicon,
-    from_dbat,
+    AiconTexts, DbatTexts, PlainAdjustment, PlainNetwork, from_aicon, from_dbat,
 };
-
-fn text(folder: &Path, file: &str) -> String {
-    std::fs::read_to_string(folder.join(file)).expect("a file of the data set")
-}
-
-fn named(text: &str) -> NamedText<'_> {
-    NamedText { file: "file", text }
-}
-
-fn adjusted(network: &PlainNetwork) -> PlainAdjustment {
-    network
-        .adjust(&PlainSettings::default(), &Monitor::new())
-        .expect("a network that can be adjusted")
-}
 
 /// A project as its commands tell of it.
 struct Measured {

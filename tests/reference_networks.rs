@@ -5,32 +5,16 @@ mod data_sets;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use data_sets::{data, say};
+use data_sets::{adjusted, data, named, say, text};
 use nalgebra::{Rotation3, Vector3};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use tiepoint::adjustment::AdjustedPoint;
 use tiepoint::camera::INTERIOR_NAMES;
 use tiepoint::geometry::{Scale, fit_similarity};
-use tiepoint::monitor::Monitor;
 use tiepoint::plain_network::{
-    AiconTexts, DbatTexts, NamedText, PlainAdjustment, PlainNetwork, PlainSettings, from_aicon,
-    from_dbat,
+    AiconTexts, DbatTexts, PlainAdjustment, PlainNetwork, from_aicon, from_dbat,
 };
-
-fn text(folder: &Path, file: &str) -> String {
-    std::fs::read_to_string(folder.join(file)).expect("a file of the data set")
-}
-
-fn named(text: &str) -> NamedText<'_> {
-    NamedText { file: "file", text }
-}
-
-fn adjusted(network: &PlainNetwork) -> PlainAdjustment {
-    network
-        .adjust(&PlainSettings::default(), &Monitor::new())
-        .unwrap()
-}
 
 /// A value of the adjusted camera and its standard deviation.
 fn of_camera(adjusted: &PlainAdjustment, name: &str) -> [f64; 2] {
