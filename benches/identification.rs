@@ -11,11 +11,16 @@ use identification_trials::scene::Scene;
 use identification_trials::verdict::{Verdict, identified, oriented};
 
 fn main() {
-    let numbers: Vec<u64> = std::env::args().skip(1).filter_map(|word| word.parse().ok()).collect();
+    let numbers: Vec<u64> = std::env::args()
+        .skip(1)
+        .filter_map(|word| word.parse().ok())
+        .collect();
     let count = numbers.first().copied().unwrap_or(20);
     let from = numbers.get(1).copied().unwrap_or(0);
     let mut total = Verdict::default();
-    println!("| scene | form | targets | spacing | noise | images | dots | labelled | missed | rejected | wrong used | wrong rejected | split | s |");
+    println!(
+        "| scene | form | targets | spacing | noise | images | dots | labelled | missed | rejected | wrong used | wrong rejected | split | s |"
+    );
     for number in from..from + count {
         let scene = Scene::numbered(number);
         let begun = Instant::now();
@@ -26,10 +31,27 @@ fn main() {
         let r = &scene.recipe;
         println!(
             "| {number} | {:?} {:?} | {} | {:.1} | {:.3} | {}/{} | {} | {} | {} | {} | {} | {} | {} | {middle:.1} {:.1} | {:?}",
-            r.form, r.layout, scene.object.targets.len(), r.spacing, r.noise_px, v.oriented, v.images, v.identifiable, v.labelled, v.missed(), v.rejected,
-            v.wrong_used, v.wrong_rejected, v.split, begun.elapsed().as_secs_f64() - middle, v.reasons
+            r.form,
+            r.layout,
+            scene.object.targets.len(),
+            r.spacing,
+            r.noise_px,
+            v.oriented,
+            v.images,
+            v.identifiable,
+            v.labelled,
+            v.missed(),
+            v.rejected,
+            v.wrong_used,
+            v.wrong_rejected,
+            v.split,
+            begun.elapsed().as_secs_f64() - middle,
+            v.reasons
         );
         total.add(&v);
     }
-    println!("{total:#?} {:.4} %", 100.0 * total.labelled as f64 / total.identifiable.max(1) as f64);
+    println!(
+        "{total:#?} {:.4} %",
+        100.0 * total.labelled as f64 / total.identifiable.max(1) as f64
+    );
 }

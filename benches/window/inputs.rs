@@ -186,6 +186,7 @@ fn station(number: u32, stations: u32, points: u32) -> ImageEntry {
     image.station = Some(Station {
         pose,
         covariance: None,
+        with_camera: None,
     });
     let seen = (0..points).filter(|point| (point + number).is_multiple_of(5));
     let label = |point| Label {

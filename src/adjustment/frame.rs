@@ -143,6 +143,7 @@ pub(super) fn move_adjustment(adjustment: &mut Adjustment, motion: &Similarity) 
         of_station.fixed_view_mut::<3, 3>(3, 3).copy_from(&by_old);
         let covariance = of_station * station.covariance * of_station.transpose();
         station.covariance = (covariance + covariance.transpose()) / 2.0;
+        station.with_camera = of_station * station.with_camera;
     }
     for observation in &mut adjustment.observations {
         observation.influence_mm_per_px *= motion.scale;

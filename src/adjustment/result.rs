@@ -28,6 +28,8 @@ pub struct AdjustedStation {
     pub pose: Pose,
     /// 6 x 6, a-posteriori: turn in the camera frame (rad), projection centre (mm); see [`Pose::moved`].
     pub covariance: Matrix6<f64>,
+    /// 6 x 10, a-posteriori: of the same with the ten parameters that its camera has for all of its images.
+    pub with_camera: SMatrix<f64, 6, 10>,
     /// Its camera in this image, with the covariance of all estimated parameters, shared ones included; `None` where the
     /// camera has none for each image.
     pub interior: Option<AdjustedCamera>,

@@ -107,6 +107,21 @@ fn joint_covariances_and_influences_agree_with_dense_algebra() {
     }
 }
 
+#[test]
+fn a_station_knows_its_covariance_with_its_camera() {
+    let Simulated { truth, mut problem } = toy_with_lens(31);
+    problem.distances = vec![bar(&truth, 0, 7, 0.004)];
+    let network = solved(&problem);
+    for (index, station) in network.adjustment().stations.iter().enumerate() {
+        let camera = Part::Camera(station.camera);
+        let joint = network.covariance(&[Part::Station(index), camera]).unwrap();
+        let reference = joint.view((0, 6), (6, 10));
+        let off = (station.with_camera - reference).amax();
+        assert!(off < 1e-8 * reference.amax(), "{index}: {off:e}");
+        assert!(reference.amax() > 0.0);
+    }
+}
+
 /// What an error of an observation does to its point is what the network does when the error is made.
 #[test]
 fn an_error_moves_its_point_as_foretold() {

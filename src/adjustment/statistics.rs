@@ -263,6 +263,7 @@ fn stations(network: &SolvedNetwork) -> Vec<AdjustedStation> {
             );
             let cofactor: Matrix6<f64> = cofactor.fixed_view::<6, 6>(0, 0).into_owned();
             AdjustedStation {
+                with_camera: with_camera(network, s) * *variance,
                 camera: problem.stations[s].camera,
                 pose: state.poses[s],
                 covariance: (cofactor + cofactor.transpose()) * (*variance / 2.0),
@@ -270,6 +271,37 @@ fn stations(network: &SolvedNetwork) -> Vec<AdjustedStation> {
             }
         })
         .collect()
+}
+
+/// Cofactors of a station with the parameters that its camera has for all of its images: `Q' - G C^T`, as no motion of the network
+/// changes a camera.
+fn with_camera(network: &SolvedNetwork, station: usize) -> SMatrix<f64, 6, 10> {
+    let SolvedNetwork {
+        layout,
+        transformation,
+        ..
+    } = network;
+    let mut cofactors = SMatrix::<f64, 6, 10>::zeros();
+    let shared: Vec<_> = layout
+        .shared_parameters(layout.camera_of[station])
+        .collect();
+    let Some(first) = shared.first() else {
+        return cofactors;
+    };
+    let structure = &layout.structure;
+    let among = network
+        .inverse
+        .among(structure, &[station, structure.block_of(first.at)]);
+    let g = transformation
+        .motions
+        .station_rows(&network.state.poses[station]);
+    for (k, unknown) in shared.iter().enumerate() {
+        let moved = &g * transformation.kept.row(unknown.at).transpose();
+        for i in 0..6 {
+            cofactors[(i, unknown.parameter)] = among[(i, 6 + k)] - moved[i];
+        }
+    }
+    cofactors
 }
 
 fn adjusted_points(

@@ -5,9 +5,9 @@
 
 use nalgebra::Vector3;
 
-use super::intersection::{intersect, ray_variance};
-use super::problem::{IdentificationInput, IdentificationSettings, Member};
-use super::shape::Disc;
+use super::intersection::{intersect, ray_covariance};
+use super::problem::{IdentificationInput, Member};
+use super::shape::{Disc, ShapeNoise};
 use super::sight::Sight;
 
 /// Residuals from which a level for all views is taken.
@@ -35,14 +35,18 @@ pub(super) fn broad_sigmas(input: &IdentificationInput) -> Vec<f64> {
         .collect()
 }
 
-/// Ray sigma of each view from the residuals of strong intersections; `None` where there are too few.
-pub(super) fn measured_sigmas(
+/// Variance of each view's rays that nothing explains, px^2, from the residuals of strong intersections; `None` where there are too few.
+///
+/// Where the view's precision is told, it is what the residuals exceed it by; else it lies between `floor` and what sigma_S allows
+/// (`ceiling`, px).
+pub(super) fn measured_extras(
     sights: &[Sight],
     strong: &[(&[Member], Vector3<f64>)],
     floor: f64,
     ceiling: &[f64],
 ) -> Option<Vec<f64>> {
     let mut by_view: Vec<Vec<f64>> = vec![Vec::new(); sights.len()];
+    let mut explained: Vec<(f64, usize)> = vec![(0.0, 0); sights.len()];
     let mut all = Vec::new();
     for (members, point) in strong {
         let Some(fit) = intersect(sights, members, point) else {
@@ -50,8 +54,16 @@ pub(super) fn measured_sigmas(
         };
         // The misfit is standardised, so the part of the noise that the point itself swallowed is already given back.
         for (member, misfit) in members.iter().zip(&fit.misfits) {
-            let squared = misfit * ray_variance(&sights[member.view], member.dot);
+            let sight = &sights[member.view];
+            let Some(seen) = sight.sighting(&fit.point) else {
+                continue;
+            };
+            let variance = ray_covariance(sight, member.dot, &seen).trace() / 2.0;
+            let squared = misfit * variance;
             by_view[member.view].push(squared);
+            let (sum, count) = &mut explained[member.view];
+            *sum += variance - sight.extra_px2;
+            *count += 1;
             all.push(squared);
         }
     }
@@ -59,49 +71,65 @@ pub(super) fn measured_sigmas(
         return None;
     }
     let common = level(&mut all);
+    let of_view = |((view, mut squares), &ceiling): ((usize, Vec<f64>), &f64)| {
+        let own = if squares.len() < ENOUGH_FOR_ONE {
+            common
+        } else {
+            level(&mut squares).max(LEAST_SHARE * common)
+        };
+        let (sum, count) = explained[view];
+        let explained = sum / count.max(1) as f64;
+        if sights[view].is_precise() {
+            if count == 0 {
+                return sights[view].extra_px2;
+            }
+            // What is only a little more than explained is chance.
+            let more = own * own - explained * ALLOWANCE * ALLOWANCE;
+            return (ALLOWANCE * ALLOWANCE * more).clamp(0.0, ceiling * ceiling);
+        }
+        let least = floor.min(ceiling);
+        (ALLOWANCE * own).clamp(least, ceiling).powi(2)
+    };
     Some(
         by_view
             .into_iter()
+            .enumerate()
             .zip(ceiling)
-            .map(|(mut squares, &ceiling)| {
-                let own = if squares.len() < ENOUGH_FOR_ONE {
-                    common
-                } else {
-                    level(&mut squares).max(LEAST_SHARE * common)
-                };
-                (ALLOWANCE * own).clamp(floor.min(ceiling), ceiling)
-            })
+            .map(of_view)
             .collect(),
     )
 }
 
-/// How far ellipses may differ from the circle's image, in units of what the settings allow, from strong intersections:
-/// real shapes scatter much less than the settings must allow for unknown blur.
-pub(super) fn measured_shape_limit(
+/// How much larger the errors of ellipses are than the settings ask, from strong intersections.
+pub(super) fn measured_shape_scale(
     sights: &[Sight],
     strong: &[(&[Member], Vector3<f64>)],
-    settings: &IdentificationSettings,
+    noise: &ShapeNoise,
 ) -> Option<f64> {
-    /// The limit in medians: a normal scatter passes it once in 15,000.
-    const MEDIANS: f64 = 6.0;
-    /// Ellipses that fit better than this share of the settings' allowance are never refused.
-    const LEAST: f64 = 0.3;
+    /// Median of chi-square with 3 degrees of freedom.
+    const MEDIAN: f64 = 2.366;
+    /// Ellipses are never trusted more than this, nor less than before anything was measured.
+    const RANGE: [f64; 2] = [0.5, 6.0];
     let mut misfits = Vec::new();
     for (members, point) in strong {
-        let Some(disc) = Disc::fitted(sights, members, point) else {
+        let Some(disc) = Disc::fitted(sights, members, point, noise) else {
             continue;
         };
-        misfits.extend(
-            members
-                .iter()
-                .map(|m| disc.misfit(&sights[m.view], m.dot, point, settings)),
-        );
+        // Three numbers of the disc are taken from the ellipses themselves.
+        let rays = members.len() as f64;
+        let share = rays / (rays - 1.0).max(1.0);
+        misfits.extend(members.iter().filter_map(|m| {
+            let sight = &sights[m.view];
+            sight.dots[m.dot].axes?;
+            Some(share * disc.misfit(sight, m.dot, &sight.sighting(point)?, noise))
+        }));
     }
     if misfits.len() < ENOUGH_FOR_ALL {
         return None;
     }
     misfits.sort_by(f64::total_cmp);
-    Some((MEDIANS * misfits[misfits.len() / 2]).clamp(LEAST, 1.0))
+    let median = misfits[misfits.len() / 2];
+    Some((noise.scale * (median / MEDIAN).sqrt() * ALLOWANCE).clamp(RANGE[0], RANGE[1]))
 }
 
 /// Sigma of a coordinate from squared lengths of plane residuals: their median is `2 ln 2` variances (Rayleigh).

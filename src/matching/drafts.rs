@@ -1,20 +1,23 @@
 //! Points under construction: extending them by prediction, merging what is one target.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-use nalgebra::{Matrix2, Matrix3, Vector3};
+use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 use super::hypothesis::{Bench, Verdict, overlap};
-use super::intersection::{chi_square_limit, intersect, prediction_misfit};
+use super::intersection::{intersect, prediction_misfit};
 use super::problem::{IdentificationSettings, Member};
-use super::shape::{Disc, largest};
+use super::shape::{Disc, ShapeNoise, largest};
 use super::sight::Sight;
 
 /// Where no normal is known: largest angle to a view that does see the point, radians.
 const SEEN_ANGLE: f64 = 1.0;
 /// Critical value of chi-square with 3 degrees of freedom at 1 in 10,000: two positions that are one point.
 const CRITICAL_POSITION: f64 = 21.1;
+
+/// Places of points are looked up in cells as wide as so many medians of their uncertainty.
+const WIDEST_IN_MEDIANS: f64 = 10.0;
 
 /// A known point or a new target.
 #[derive(Clone, Debug)]
@@ -113,16 +116,18 @@ fn candidates(bench: &Bench, drafts: &[Draft], view: usize, free: &[Vec<bool>]) 
         let Some(seen) = sight.sighting(&draft.point) else {
             continue;
         };
-        let spread = seen.by_point * draft.covariance * seen.by_point.transpose()
-            + Matrix2::identity() * (sight.sigma_px * sight.sigma_px);
-        sight.near(&place, (critical * largest(&spread)).sqrt(), |dot| {
+        let [mean, most] = sight.dot_px2;
+        let spread =
+            seen.by_point * draft.covariance * seen.by_point.transpose() + sight.spread(&seen);
+        let radius = (critical * (largest(&spread) + most - mean)).sqrt();
+        sight.near(&place, radius, |dot| {
             let shape = draft
                 .disc
-                .map_or(0.0, |d| d.misfit(sight, dot, &draft.point, settings));
+                .map_or(0.0, |d| d.misfit(sight, dot, &seen, &bench.noise));
             let misfit = prediction_misfit(sight, dot, &draft.point, &draft.covariance);
             if let Some(misfit) = misfit
                 && free[view][dot]
-                && shape <= bench.shape_limit
+                && shape <= settings.critical_shape
                 && misfit <= critical
             {
                 found.push(Candidate {
@@ -178,17 +183,20 @@ fn one_point(a: (&Vector3<f64>, &Matrix3<f64>), b: (&Vector3<f64>, &Matrix3<f64>
 }
 
 /// Adds the drawn dots and intersects the targets anew; known points stay where they are.
-pub(super) fn extend(sights: &[Sight], drafts: &mut [Draft], draws: &[Draw]) {
+pub(super) fn extend(sights: &[Sight], noise: &ShapeNoise, drafts: &mut [Draft], draws: &[Draw]) {
+    let mut touched = BTreeSet::new();
     for draw in draws {
         drafts[draw.draft].members.push(draw.member);
+        touched.insert(draw.draft);
     }
-    for draft in drafts {
+    for index in touched {
+        let draft = &mut drafts[index];
         draft.members.sort_unstable();
-        refresh(sights, draft);
+        refresh(sights, noise, draft);
     }
 }
 
-fn refresh(sights: &[Sight], draft: &mut Draft) {
+fn refresh(sights: &[Sight], noise: &ShapeNoise, draft: &mut Draft) {
     if draft.known.is_some() {
         return;
     }
@@ -196,7 +204,7 @@ fn refresh(sights: &[Sight], draft: &mut Draft) {
         draft.point = fit.point;
         draft.covariance = fit.covariance;
     }
-    draft.disc = Disc::fitted(sights, &draft.members, &draft.point);
+    draft.disc = Disc::fitted(sights, &draft.members, &draft.point, noise);
     draft.normal = draft.disc.map(|d| d.normal);
 }
 
@@ -204,7 +212,7 @@ fn refresh(sights: &[Sight], draft: &mut Draft) {
 pub(super) fn reduce_to_fit(bench: &Bench, draft: &mut Draft) -> Vec<Member> {
     let before = draft.members.clone();
     match bench.fitting(&mut draft.members, &draft.point) {
-        Some(_) => refresh(bench.sights, draft),
+        Some(_) => refresh(bench.sights, &bench.noise, draft),
         None => draft.members.clear(),
     }
     before
@@ -216,27 +224,39 @@ pub(super) fn reduce_to_fit(bench: &Bench, draft: &mut Draft) -> Vec<Member> {
 /// Joins drafts that are one target: no view in common, one position, and a common intersection that stands the test.
 ///
 /// A new target that is a known point becomes claims of it.
-pub(super) fn merged(
-    sights: &[Sight],
-    drafts: Vec<Draft>,
-    settings: &IdentificationSettings,
-) -> Vec<Draft> {
+///
+/// Cost: by an index of places, about that of the drafts.
+pub(super) fn merged(bench: &Bench, drafts: Vec<Draft>) -> Vec<Draft> {
+    let reach = |draft: &Draft| {
+        let variance = draft.covariance.trace().max(0.0);
+        (CRITICAL_POSITION * variance).sqrt()
+    };
+    // Some points that are hardly known must not make the cells so large that they hold everything.
+    let mut reaches: Vec<f64> = drafts.iter().map(reach).collect();
+    reaches.sort_by(f64::total_cmp);
+    let median = reaches.get(reaches.len() / 2).copied().unwrap_or_default();
+    let largest = reaches.last().copied().unwrap_or_default();
+    let widest = largest.min(WIDEST_IN_MEDIANS * median).max(1e-6);
+    let cell = |point: &Vector3<f64>| -> [i64; 3] {
+        std::array::from_fn(|axis| (point[axis] / (2.0 * widest)).floor() as i64)
+    };
     let mut kept: Vec<Draft> = Vec::with_capacity(drafts.len());
+    let mut places: BTreeMap<[i64; 3], Vec<usize>> = BTreeMap::new();
     for draft in drafts {
-        let partner = (draft.known.is_none())
-            .then(|| {
-                let mut fitting = kept
-                    .iter()
-                    .enumerate()
-                    .filter_map(|(i, other)| {
-                        joint_misfit(sights, other, &draft, settings).map(|m| (m, i))
-                    })
-                    .collect::<Vec<_>>();
-                fitting.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-                fitting.first().map(|f| f.1)
-            })
-            .flatten();
-        let Some(partner) = partner else {
+        let home = cell(&draft.point);
+        let mut fitting = Vec::new();
+        if draft.known.is_none() {
+            for offset in 0..27 {
+                let near = [offset % 3, offset / 3 % 3, offset / 9].map(|o| o - 1);
+                let key: [i64; 3] = std::array::from_fn(|axis| home[axis] + near[axis]);
+                for &i in places.get(&key).into_iter().flatten() {
+                    fitting.extend(joint_misfit(bench, &kept[i], &draft).map(|m| (m, i)));
+                }
+            }
+            fitting.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        }
+        let Some(&(_, partner)) = fitting.first() else {
+            places.entry(home).or_default().push(kept.len());
             kept.push(draft);
             continue;
         };
@@ -245,18 +265,14 @@ pub(super) fn merged(
         other.members.sort_unstable();
         other.log10_accidents = other.log10_accidents.min(draft.log10_accidents);
         other.rival_rays = other.rival_rays.max(draft.rival_rays);
-        refresh(sights, other);
+        refresh(bench.sights, &bench.noise, other);
     }
     kept
 }
 
 /// How badly two drafts fit as one target; `None` where they cannot be one.
-fn joint_misfit(
-    sights: &[Sight],
-    a: &Draft,
-    b: &Draft,
-    settings: &IdentificationSettings,
-) -> Option<f64> {
+fn joint_misfit(bench: &Bench, a: &Draft, b: &Draft) -> Option<f64> {
+    let (sights, settings) = (bench.sights, bench.settings);
     if b.members.iter().any(|m| a.has(m.view))
         || !one_point((&a.point, &a.covariance), (&b.point, &b.covariance))
     {
@@ -273,7 +289,7 @@ fn joint_misfit(
     let mut members: Vec<Member> = a.members.iter().chain(&b.members).copied().collect();
     members.sort_unstable();
     let fit = intersect(sights, &members, &a.point)?;
-    let limit = chi_square_limit(fit.redundancy(), settings.critical_deviate);
+    let limit = bench.limits.whole(fit.redundancy());
     let (_, worst) = fit.worst()?;
     (fit.chi_square <= limit && worst <= settings.critical_ray).then_some(worst)
 }

@@ -1,18 +1,17 @@
 //! Proposals of a target through one dot: a partner on the epipolar line, then every other view asked.
 
-use nalgebra::{Matrix2, Matrix3, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
-use super::intersection::{
-    Intersection, chi_square_limit, intersect, meet, prediction_misfit, ray_variance,
-};
-use super::problem::{IdentificationSettings, Member, ObjectSpace};
-use super::shape::{Disc, largest};
-use super::sight::Sight;
+use super::intersection::{Intersection, intersect, meet, prediction_misfit};
+use super::limits::Limits;
+use super::problem::{IdentificationSettings, Member};
+use super::shape::{Disc, ShapeNoise, largest};
+use super::sight::{Sight, Sighting};
 
 /// Widest search for a further dot, px: a pair that predicts worse says nothing about a view yet.
 const WIDEST_SEARCH_PX: f64 = 40.0;
-/// Largest ratio of the diameters that two dots of a pair would have in space; tilt and field angle explain this much.
-const PAIR_SIZE_RATIO: f64 = 1.7;
+/// A pair that none of so many views confirms, surest first, is given up.
+const VIEWS_TO_CONFIRM: usize = 12;
 /// Rays from which a proposal explains its dots so well that no further pairs among them are tried.
 const EXPLAINED_RAYS: usize = 5;
 
@@ -21,15 +20,23 @@ const STRONG_RAYS: usize = 8;
 /// Those few.
 const PARTNERS_OF_STRONG: usize = 4;
 
+/// A place in a view that was searched for a further dot.
+struct Search {
+    view: usize,
+    seen: Sighting,
+    /// Area of the search, px^2.
+    area: f64,
+}
+
 /// What all proposals share.
 pub(super) struct Bench<'a> {
     pub(super) sights: &'a [Sight],
     /// Partner views of each view, best angle first.
     pub(super) partners: &'a [Vec<usize>],
-    pub(super) space: ObjectSpace,
     pub(super) settings: &'a IdentificationSettings,
-    /// Largest accepted misfit of an ellipse, in units of what the settings allow.
-    pub(super) shape_limit: f64,
+    pub(super) limits: &'a Limits,
+    /// How exact ellipses are.
+    pub(super) noise: ShapeNoise,
 }
 
 /// A point that several dots propose.
@@ -73,24 +80,12 @@ impl Verdict {
 
 impl Hypothesis {
     /// Expected number of accidental intersections as good as this one among `pairs` proposals, log10.
-    pub(super) fn log10_accidents(&self, pairs: usize, settings: &IdentificationSettings) -> f64 {
-        log10_accidents(
-            pairs,
-            self.members.len(),
-            self.accidental_hits,
-            fit_share(self.members.len(), self.variance_factor, settings),
-        )
+    pub(super) fn log10_accidents(&self, pairs: usize, limits: &Limits) -> f64 {
+        let rays = self.members.len();
+        let redundancy = (2 * rays).saturating_sub(3).max(1);
+        let share = self.variance_factor * redundancy as f64 / limits.whole(redundancy);
+        log10_accidents(pairs, rays, self.accidental_hits, share)
     }
-}
-
-/// Chi-square of an intersection as a share of its critical value.
-pub(super) fn fit_share(
-    rays: usize,
-    variance_factor: f64,
-    settings: &IdentificationSettings,
-) -> f64 {
-    let redundancy = (2 * rays).saturating_sub(3).max(1);
-    variance_factor * redundancy as f64 / chi_square_limit(redundancy, settings.critical_deviate)
 }
 
 /// Expected number of accidental intersections of `rays` rays among `pairs` proposals, log10.
@@ -206,7 +201,7 @@ impl Bench<'_> {
         const NEAREST: f64 = 0.02;
         let (a, b) = (&self.sights[seed.view], &self.sights[view]);
         let direction = a.dots[seed.dot].direction;
-        let Some([mut near, mut far]) = self.space.stretch(&a.centre, &direction) else {
+        let Some([mut near, mut far]) = a.space.stretch(&a.centre, &direction) else {
             return Vec::new();
         };
         let k0 = -(b.camera_from_world * (a.centre - b.centre)).z;
@@ -231,12 +226,18 @@ impl Bench<'_> {
         };
         let middle = (ends[0] + ends[1]) / 2.0;
         let scale = b.pixels_per_mm(&middle) / a.pixels_per_mm(&middle);
-        let variance = ray_variance(a, seed.dot) * scale * scale + b.sigma_px * b.sigma_px;
+        // Both stations and both measurements, in pixels of the other view.
+        let seed_sigma = a.dots[seed.dot].sigma_px;
+        let spread = |sight: &Sight, dot_px2: f64| {
+            let seen = sight.sighting(&middle);
+            seen.map_or(0.0, |seen| largest(&sight.uncertainty(&seen))) + dot_px2
+        };
+        let variance = spread(a, seed_sigma * seed_sigma) * scale * scale + spread(b, b.dot_px2[1]);
         let band = (self.settings.critical_ray * variance).sqrt();
         b.along(&from.place, &to.place, band)
     }
 
-    /// Where a pair of dots meets, if depth, angle and size allow it.
+    /// Where a pair of dots meets, if depth, angle and shapes allow it.
     fn pair_point(&self, a: Member, b: Member) -> Option<Vector3<f64>> {
         let (sight_a, sight_b) = (&self.sights[a.view], &self.sights[b.view]);
         let (dot_a, dot_b) = (&sight_a.dots[a.dot], &sight_b.dots[b.dot]);
@@ -245,24 +246,20 @@ impl Bench<'_> {
             (&sight_b.centre, &dot_b.direction),
             self.settings.min_angle,
         )?;
-        let inside = (0..3)
-            .all(|i| point[i] >= self.space.min[i] - 1.0 && point[i] <= self.space.max[i] + 1.0);
-        if !inside {
+        if !sight_a.space.holds(&point) || !sight_b.space.holds(&point) {
             return None;
         }
-        if let (Some(axes_a), Some(axes_b)) = (&dot_a.squared_axes, &dot_b.squared_axes) {
-            let slack = self.settings.axis_tolerance_px;
-            let size_a = largest(axes_a).sqrt();
-            let size_b = largest(axes_b).sqrt();
-            let (scale_a, scale_b) = (sight_a.pixels_per_mm(&point), sight_b.pixels_per_mm(&point));
-            let apart = |p: f64, sp: f64, q: f64, sq: f64| {
-                (p - slack) / sp > PAIR_SIZE_RATIO * (q + slack) / sq
-            };
-            if apart(size_a, scale_a, size_b, scale_b) || apart(size_b, scale_b, size_a, scale_a) {
-                return None;
-            }
-        }
-        Some(point)
+        let pair = [a, b];
+        let Some(disc) = Disc::fitted(self.sights, &pair, &point, &self.noise) else {
+            return Some(point);
+        };
+        let fits = pair.iter().all(|m| {
+            let sight = &self.sights[m.view];
+            sight.sighting(&point).is_some_and(|seen| {
+                disc.misfit(sight, m.dot, &seen, &self.noise) <= self.settings.critical_shape
+            })
+        });
+        fits.then_some(point)
     }
 
     /// Asks every partner view of the seed for a further ray; surest views first, the point improving on the way.
@@ -283,21 +280,24 @@ impl Bench<'_> {
         }
         order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let (mut point, mut covariance) = (pair.point, pair.covariance);
-        let mut accidental_hits = 0.0;
+        let mut searches = Vec::new();
         for (_, view) in order {
+            if searches.len() == VIEWS_TO_CONFIRM && members.len() == 2 {
+                break;
+            }
             let sight = &self.sights[view];
             let seen = sight.sighting(&point)?;
-            let variance = sight.sigma_px * sight.sigma_px;
-            let spread = seen.by_point * covariance * seen.by_point.transpose()
-                + Matrix2::identity() * variance;
-            let radius = (self.settings.critical_ray * largest(&spread)).sqrt();
+            let spread =
+                seen.by_point * covariance * seen.by_point.transpose() + sight.spread(&seen);
+            let [mean, most] = sight.dot_px2;
+            let radius = (self.settings.critical_ray * (largest(&spread) + most - mean)).sqrt();
             if radius > WIDEST_SEARCH_PX {
                 continue;
             }
             let area = std::f64::consts::PI
                 * self.settings.critical_ray
                 * spread.determinant().max(0.0).sqrt();
-            accidental_hits += area * sight.density(&seen.place);
+            searches.push(Search { view, seen, area });
             let Some(hit) = self.nearest(view, &point, &covariance, radius) else {
                 continue;
             };
@@ -309,7 +309,34 @@ impl Bench<'_> {
             members.push(Member { view, dot: hit });
         }
         members.sort_unstable();
-        self.settle(seed, members, &point, accidental_hits)
+        if members.len() == 2 {
+            return Some(Hypothesis {
+                variance_factor: pair.chi_square,
+                members,
+                point: pair.point,
+                covariance: pair.covariance,
+                disc: None,
+                accidental_hits: 0.0,
+            });
+        }
+        let mut hypothesis = self.settle(seed, members, &point)?;
+        hypothesis.accidental_hits = self.accidental_hits(&searches, hypothesis.disc.as_ref());
+        Some(hypothesis)
+    }
+
+    /// How many dots of the target's shape the searches must be expected to find by chance.
+    fn accidental_hits(&self, searches: &[Search], disc: Option<&Disc>) -> f64 {
+        let hits = searches.iter().map(|search| {
+            let image = disc.map(|disc| disc.image(&search.seen.by_point));
+            let density = self.sights[search.view].density(&search.seen.place, |dot| {
+                let (Some(image), Some(axes)) = (&image, &dot.axes) else {
+                    return true;
+                };
+                self.noise.misfit(axes, image) <= self.settings.critical_shape
+            });
+            search.area * density
+        });
+        hits.sum()
     }
 
     /// The free dot nearest (by its standardised distance) to where the point is predicted.
@@ -340,7 +367,6 @@ impl Bench<'_> {
         seed: Member,
         mut members: Vec<Member>,
         start: &Vector3<f64>,
-        accidental_hits: f64,
     ) -> Option<Hypothesis> {
         let fit = self.fitting(&mut members, start)?;
         if members.len() >= 3 {
@@ -360,7 +386,7 @@ impl Bench<'_> {
             point: fit.point,
             covariance: fit.covariance,
             disc,
-            accidental_hits,
+            accidental_hits: 0.0,
         })
     }
 
@@ -376,11 +402,13 @@ impl Bench<'_> {
             let Some(seen) = sight.sighting(&fit.point) else {
                 continue;
             };
-            let spread = seen.by_point * fit.covariance * seen.by_point.transpose()
-                + Matrix2::identity() * (sight.sigma_px * sight.sigma_px);
+            let [mean, most] = sight.dot_px2;
+            let spread =
+                seen.by_point * fit.covariance * seen.by_point.transpose() + sight.spread(&seen);
             let critical = self.settings.critical_ray + self.settings.critical_margin;
             let mut hits: Vec<(f64, usize)> = Vec::new();
-            sight.near(&place, (critical * largest(&spread)).sqrt(), |dot| {
+            let radius = (critical * (largest(&spread) + most - mean)).sqrt();
+            sight.near(&place, radius, |dot| {
                 if let Some(misfit) = prediction_misfit(sight, dot, &fit.point, &fit.covariance) {
                     hits.push((misfit, dot));
                 }
@@ -411,7 +439,7 @@ impl Bench<'_> {
             if members.len() == 2 {
                 return Some(fit);
             }
-            let limit = chi_square_limit(fit.redundancy(), self.settings.critical_deviate);
+            let limit = self.limits.whole(fit.redundancy());
             let (worst, misfit) = fit.worst()?;
             if misfit <= self.settings.critical_ray && fit.chi_square <= limit {
                 return Some(fit);
@@ -423,27 +451,32 @@ impl Bench<'_> {
     /// Fits the disc, drops dots whose ellipse or side contradicts it; `None` where fewer than two rays stay.
     fn shaped(&self, members: &mut Vec<Member>, fit: &mut Intersection) -> Option<Option<Disc>> {
         loop {
-            let Some(disc) = Disc::fitted(self.sights, members, &fit.point) else {
+            let Some(disc) = Disc::fitted(self.sights, members, &fit.point, &self.noise) else {
                 return Some(None);
             };
             if members.len() < 3 {
                 return Some(Some(disc));
             }
-            let misfits = members.iter().map(|m| {
-                let sight = &self.sights[m.view];
-                if disc.faces(&fit.point, &sight.centre, self.settings.max_incidence) {
-                    disc.misfit(sight, m.dot, &fit.point, self.settings)
-                } else {
-                    f64::INFINITY
-                }
-            });
+            let misfits = members
+                .iter()
+                .map(|m| self.shape_misfit(&disc, &fit.point, *m));
             let worst = misfits.enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
-            if worst.1 <= self.shape_limit {
+            if worst.1 <= self.settings.critical_shape {
                 return Some(Some(disc));
             }
             members.remove(worst.0);
             *fit = self.fitting(members, &fit.point)?;
         }
+    }
+
+    /// Misfit of a dot's ellipse; infinite where the disc cannot be seen from there.
+    fn shape_misfit(&self, disc: &Disc, point: &Vector3<f64>, member: Member) -> f64 {
+        let sight = &self.sights[member.view];
+        let seen = sight.sighting(point);
+        let facing = disc.faces(point, &sight.centre, self.settings.max_incidence);
+        seen.filter(|_| facing).map_or(f64::INFINITY, |seen| {
+            disc.misfit(sight, member.dot, &seen, &self.noise)
+        })
     }
 }
 

@@ -1,28 +1,28 @@
 //! The rounds of identification: propose, agree, accept, extend, take away, and again.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::calibration::{broad_sigmas, measured_shape_limit, measured_sigmas};
+use super::calibration::{broad_sigmas, measured_extras, measured_shape_scale};
 use super::drafts::{Draft, Draw, draw_claims, extend, merged, reduce_to_fit};
-use super::hypothesis::{Bench, Hypothesis, Verdict, fit_share, log10_accidents, overlap};
-use super::intersection::{Intersection, chi_square_limit, intersect, prediction_misfit};
+use super::hypothesis::{Bench, Hypothesis, Verdict, log10_accidents, overlap};
+use super::limits::Limits;
 use super::problem::{
-    Claim, Identification, IdentificationInput, IdentificationSettings, KnownCircle, Leftover,
-    LeftoverReason, Member, Track,
+    Identification, IdentificationInput, IdentificationSettings, Member, ObjectSpace,
 };
-use super::shape::Disc;
+use super::shape::{Disc, ShapeNoise};
 use super::sight::Sight;
+use super::surface::Surface;
 use crate::monitor::{Interrupted, Monitor, Task};
 
 /// Partner views asked in the first round: most targets are found by them, and the crowd is gone for the rest.
 const FIRST_PARTNERS: usize = 8;
+/// Share of the dots that are taken to belong to no target, at least.
+const LEAST_ORPHANS: f64 = 0.1;
 /// Dots that one step of progress covers.
 const CHUNK: usize = 32;
 /// Dots from which the ray sigmas are measured beforehand.
 const CALIBRATION_DOTS: usize = 600;
-/// Rays up to which a target must fit especially well to be accepted.
-const FEW_RAYS: usize = 5;
 /// Angle between two rays that fixes a point well and keeps the target visible in both, radians.
 const BEST_ANGLE: f64 = 0.5;
 
@@ -40,8 +40,13 @@ pub fn identify(
 ) -> Result<Identification, Interrupted> {
     let dots: usize = input.views.iter().map(|v| v.dots.len()).sum();
     let task = monitor.task("identifying targets", dots as u64);
-    let mut pass = Pass::new(input, settings);
+    let limits = Limits::new(settings, input.views.len());
+    let mut pass = Pass::new(input, settings, &limits);
     pass.calibrate(&task)?;
+    // Dots of known points are not to be found as new targets.
+    pass.extend_drafts(0..input.known.len());
+    pass.sweep(&task)?;
+    pass.recalibrate();
     let mut most_partners = FIRST_PARTNERS;
     for _ in 0..settings.max_rounds {
         let gained = pass.round(most_partners, &task)?;
@@ -57,30 +62,39 @@ pub fn identify(
 }
 
 /// The state of a pass.
-struct Pass<'a> {
-    input: &'a IdentificationInput<'a>,
-    settings: &'a IdentificationSettings,
-    sights: Vec<Sight>,
-    partners: Vec<Vec<usize>>,
-    /// Largest accepted misfit of an ellipse, in units of what the settings allow.
-    shape_limit: f64,
+pub(super) struct Pass<'a> {
+    pub(super) input: &'a IdentificationInput<'a>,
+    pub(super) settings: &'a IdentificationSettings,
+    pub(super) sights: Vec<Sight>,
+    pub(super) limits: &'a Limits,
+    pub(super) partners: Vec<Vec<usize>>,
+    pub(super) noise: ShapeNoise,
+    /// Pairs that were tried in all, each a chance for an accident.
+    pub(super) pairs: usize,
+    /// Share of the readings of the last round that were not accepted.
+    pub(super) refused: f64,
+    /// Share of the free dots that belong to no target, as far as is known: only they can take part in an accident.
+    pub(super) orphans: f64,
     /// Ray sigmas that sigma_S allows, px.
-    broad: Vec<f64>,
-    free: Vec<Vec<bool>>,
+    pub(super) broad: Vec<f64>,
+    pub(super) free: Vec<Vec<bool>>,
     /// Known points first, in their order, then the new targets.
-    drafts: Vec<Draft>,
+    pub(super) drafts: Vec<Draft>,
     /// The last verdict on each dot.
-    verdicts: Vec<Vec<Verdict>>,
+    pub(super) verdicts: Vec<Vec<Verdict>>,
 }
 
 impl<'a> Pass<'a> {
-    fn new(input: &'a IdentificationInput, settings: &'a IdentificationSettings) -> Self {
+    fn new(
+        input: &'a IdentificationInput,
+        settings: &'a IdentificationSettings,
+        limits: &'a Limits,
+    ) -> Self {
         let broad = broad_sigmas(input);
-        let sights: Vec<Sight> = input
-            .views
-            .iter()
-            .zip(&broad)
-            .map(|(view, &sigma)| Sight::new(view, sigma))
+        let spaces = spaces_of_views(input);
+        let views = input.views.par_iter().zip(&broad).zip(spaces);
+        let sights: Vec<Sight> = views
+            .map(|((view, &sigma), space)| Sight::new(view, sigma, space))
             .collect();
         let drafts = input
             .known
@@ -90,12 +104,15 @@ impl<'a> Pass<'a> {
                 members: Vec::new(),
                 known: Some(index),
                 point: known.position,
-                covariance: Matrix3::identity() * known.sigma_mm.powi(2),
+                covariance: known.covariance,
                 seen_in: known.seen_in.clone(),
                 normal: known.circle.map(|c| c.normal),
-                disc: known
-                    .circle
-                    .and_then(|c| c.diameter_mm.map(|d| Disc::known(d, c.normal))),
+                disc: known.circle.and_then(|circle| {
+                    Some(Disc {
+                        normal: circle.normal,
+                        diameter_mm: circle.diameter_mm?,
+                    })
+                }),
                 log10_accidents: f64::NEG_INFINITY,
                 rival_rays: 0,
             })
@@ -105,7 +122,11 @@ impl<'a> Pass<'a> {
             settings,
             partners: partners(input, &sights),
             broad,
-            shape_limit: 1.0,
+            limits,
+            noise: ShapeNoise::unknown(settings),
+            pairs: 0,
+            orphans: 1.0,
+            refused: 0.0,
             free: input
                 .views
                 .iter()
@@ -121,30 +142,28 @@ impl<'a> Pass<'a> {
         }
     }
 
-    fn bench(&self) -> Bench<'_> {
+    pub(super) fn bench(&self) -> Bench<'_> {
         Bench {
             sights: &self.sights,
             partners: &self.partners,
-            space: self.input.space,
             settings: self.settings,
-            shape_limit: self.shape_limit,
+            limits: self.limits,
+            noise: self.noise,
         }
     }
 
-    fn free_dots(&self) -> Vec<Member> {
-        let mut dots = Vec::new();
-        for (view, free) in self.free.iter().enumerate() {
-            dots.extend(
-                free.iter()
-                    .enumerate()
-                    .filter(|(_, is_free)| **is_free)
-                    .map(|(dot, _)| Member { view, dot }),
-            );
-        }
-        dots
+    pub(super) fn free_dots(&self) -> Vec<Member> {
+        (0..self.free.len())
+            .flat_map(|view| self.free_dots_of(view))
+            .collect()
     }
 
-    fn search(
+    pub(super) fn free_dots_of(&self, view: usize) -> impl Iterator<Item = Member> {
+        let free = self.free[view].iter().enumerate();
+        free.filter_map(move |(dot, is_free)| is_free.then_some(Member { view, dot }))
+    }
+
+    pub(super) fn search(
         &self,
         seeds: &[Member],
         most_partners: usize,
@@ -181,8 +200,8 @@ impl<'a> Pass<'a> {
                 .filter_map(|v| {
                     let best = v.best.as_ref()?;
                     let rays = best.members.len();
-                    let accidents = best.log10_accidents(v.pairs, self.settings);
-                    (rays >= 4 && accidents < self.settings.accidents_allowed(rays))
+                    let accidents = best.log10_accidents(v.pairs * all.len(), self.limits);
+                    (rays >= 4 && accidents < self.settings.log10_accidents)
                         .then_some((&best.members[..], best.point))
                 })
                 .collect();
@@ -203,13 +222,13 @@ impl<'a> Pass<'a> {
     }
 
     fn take_sigmas(&mut self, strong: &[(&[Member], Vector3<f64>)]) {
-        if let Some(limit) = measured_shape_limit(&self.sights, strong, self.settings) {
-            self.shape_limit = limit;
+        if let Some(scale) = measured_shape_scale(&self.sights, strong, &self.noise) {
+            self.noise.scale = scale;
         }
         let floor = self.input.image_tolerance_px;
-        if let Some(sigmas) = measured_sigmas(&self.sights, strong, floor, &self.broad) {
-            for (sight, sigma) in self.sights.iter_mut().zip(sigmas) {
-                sight.sigma_px = sigma;
+        if let Some(extras) = measured_extras(&self.sights, strong, floor, &self.broad) {
+            for (sight, extra) in self.sights.iter_mut().zip(extras) {
+                sight.extra_px2 = extra;
             }
         }
     }
@@ -219,21 +238,32 @@ impl<'a> Pass<'a> {
         for (sight, free) in self.sights.iter_mut().zip(&self.free) {
             sight.index_free(free);
         }
+        let before = self.free_dots().len();
+        // What is known takes its dots first: they have not to be searched for.
+        let all = self.drafts.len();
+        self.extend_drafts(0..all);
+        for (sight, free) in self.sights.iter_mut().zip(&self.free) {
+            sight.index_free(free);
+        }
         let seeds = self.free_dots();
         let found = self.search(&seeds, most_partners, task)?;
+        // Dots that took part in a target are no chance for another one.
+        self.pairs = found.iter().map(|v| v.pairs).sum();
+        let readable = found.iter().filter(|v| v.rays() >= 3).count();
+        let alone = 1.0 - readable as f64 / seeds.len().max(1) as f64;
+        // Where few readings of the round before were accepted, most of those that are left are accidents.
+        self.orphans = alone.max(self.refused).max(LEAST_ORPHANS);
+        let free_before_accepting = seeds.len();
         for (seed, verdict) in seeds.iter().zip(found) {
             self.verdicts[seed.view][seed.dot] = verdict;
         }
-        let before = seeds.len();
         let known = self.input.known.len();
-        self.extend_drafts(0..known);
         self.accept(&seeds);
+        let accepted = free_before_accepting - self.free_dots().len();
+        self.refused = 1.0 - accepted as f64 / readable.max(1) as f64;
         self.extend_drafts(known..self.drafts.len());
-        self.drafts = merged(
-            &self.sights,
-            std::mem::take(&mut self.drafts),
-            self.settings,
-        );
+        let drafts = std::mem::take(&mut self.drafts);
+        self.drafts = merged(&self.bench(), drafts);
         self.drop_misfits();
         Ok(before.saturating_sub(self.free_dots().len()))
     }
@@ -250,7 +280,7 @@ impl<'a> Pass<'a> {
         for draw in &draws {
             self.free[draw.member.view][draw.member.dot] = false;
         }
-        extend(&self.sights, &mut self.drafts, &draws);
+        extend(&self.sights, &self.noise, &mut self.drafts, &draws);
     }
 
     /// Accepts the intersections on which their dots agree, best first.
@@ -267,10 +297,14 @@ impl<'a> Pass<'a> {
             rays.then(a.1.variance_factor.total_cmp(&b.1.variance_factor))
                 .then(a.0.cmp(&b.0))
         });
+        let points: Vec<Vector3<f64>> = self.drafts.iter().map(|d| d.point).collect();
+        let size = self.input.space.max - self.input.space.min;
+        // The space is wider than the object by its margin on both sides.
+        let surface = Surface::of(&points, size.min());
         let mut accepted = Vec::new();
         let mut free = self.free.clone();
         for (seed, hypothesis) in order {
-            if let Some(draft) = self.agreed(seed, hypothesis, &free) {
+            if let Some(draft) = self.agreed(seed, hypothesis, &free, &surface) {
                 for member in &draft.members {
                     free[member.view][member.dot] = false;
                 }
@@ -282,7 +316,13 @@ impl<'a> Pass<'a> {
     }
 
     /// The part of a hypothesis whose dots call it their own best, if that part stands all tests.
-    fn agreed(&self, seed: Member, hypothesis: &Hypothesis, free: &[Vec<bool>]) -> Option<Draft> {
+    fn agreed(
+        &self,
+        seed: Member,
+        hypothesis: &Hypothesis,
+        free: &[Vec<bool>],
+        surface: &Surface,
+    ) -> Option<Draft> {
         if !free[seed.view][seed.dot] {
             return None;
         }
@@ -301,23 +341,18 @@ impl<'a> Pass<'a> {
         if members.len() < self.settings.min_rays.max(3) {
             return None;
         }
-        let limit = chi_square_limit(fit.redundancy(), self.settings.critical_deviate_few);
-        if members.len() <= FEW_RAYS && fit.chi_square > limit {
-            return None;
-        }
-        let pairs = self.verdicts[seed.view][seed.dot].pairs;
-        let share = fit_share(
-            members.len(),
-            fit.chi_square / fit.redundancy().max(1) as f64,
-            self.settings,
-        );
-        let accidents = log10_accidents(pairs, members.len(), hypothesis.accidental_hits, share);
+        let share = fit.chi_square / self.limits.whole(fit.redundancy());
+        let hits = hypothesis.accidental_hits;
+        let on_surface = surface.share(&fit.point, &fit.covariance);
+        // All of its dots must be orphans.
+        let accidents = log10_accidents(self.pairs, members.len(), hits, share)
+            + members.len() as f64 * self.orphans.log10()
+            + on_surface.log10();
         let rival_rays = members
             .iter()
             .map(|m| self.verdicts[m.view][m.dot].rival_rays())
             .max()?;
-        if accidents > self.settings.accidents_allowed(members.len()) || rival_rays >= members.len()
-        {
+        if accidents > self.settings.log10_accidents || rival_rays >= members.len() {
             return None;
         }
         Some(Draft {
@@ -344,10 +379,8 @@ impl<'a> Pass<'a> {
         let same = shared >= 2 && shared * 2 >= smaller && shared > conflicts;
         let contested = verdict.rival.as_ref().is_some_and(|rival| {
             let rays = rival.members.len();
-            let accidents = rival.log10_accidents(verdict.pairs, self.settings);
-            rays >= 4
-                && rays * 2 >= best.members.len()
-                && accidents < self.settings.accidents_allowed(rays)
+            let accidents = rival.log10_accidents(self.pairs, self.limits);
+            rays >= 4 && rays * 2 >= best.members.len() && accidents < self.settings.log10_accidents
         });
         same && !contested && !verdict.is_near_tie()
     }
@@ -372,111 +405,13 @@ impl<'a> Pass<'a> {
             self.drafts.push(draft);
         }
     }
-
-    fn finish(self) -> Identification {
-        let mut result = Identification {
-            ray_sigma_px: self.sights.iter().map(|s| s.sigma_px).collect(),
-            ..Identification::default()
-        };
-        result.leftover = self
-            .free_dots()
-            .into_iter()
-            .map(|member| Leftover {
-                member,
-                reason: self.reason(member),
-            })
-            .collect();
-        for draft in &self.drafts {
-            if let Some(known) = draft.known {
-                result
-                    .claims
-                    .extend(draft.members.iter().map(|&member| Claim {
-                        known,
-                        member,
-                        distance_px: self.distance_px(draft, member),
-                    }));
-            } else {
-                result.tracks.push(self.track(draft));
-            }
-        }
-        result.claims.sort_by_key(|c| (c.member, c.known));
-        result.tracks.sort_by(|a, b| a.members.cmp(&b.members));
-        result
-    }
-
-    fn distance_px(&self, draft: &Draft, member: Member) -> f64 {
-        let sight = &self.sights[member.view];
-        sight.sighting(&draft.point).map_or(f64::INFINITY, |seen| {
-            (sight.dots[member.dot].place - seen.place).norm()
-        })
-    }
-
-    fn track(&self, draft: &Draft) -> Track {
-        let fit = intersect(&self.sights, &draft.members, &draft.point);
-        Track {
-            position: draft.point,
-            sigma_mm: (draft.covariance.trace() / 3.0).max(0.0).sqrt(),
-            rms_px: fit.as_ref().map_or(0.0, Intersection::rms_px),
-            chi_square: fit.as_ref().map_or(0.0, |f| f.chi_square),
-            redundancy: (2 * draft.members.len()).saturating_sub(3),
-            members: draft.members.clone(),
-            log10_accidents: draft.log10_accidents,
-            rival_rays: draft.rival_rays,
-            circle: draft.disc.map(|d| KnownCircle {
-                diameter_mm: Some(d.diameter_mm),
-                normal: d.normal,
-            }),
-        }
-    }
-
-    fn reason(&self, member: Member) -> LeftoverReason {
-        let sight = &self.sights[member.view];
-        let near = self
-            .drafts
-            .iter()
-            .filter(|d| d.may_see(sight, &self.sights, self.settings))
-            .filter(|d| {
-                prediction_misfit(sight, member.dot, &d.point, &d.covariance)
-                    .is_some_and(|m| m <= self.settings.critical_ray)
-            })
-            .map(|d| self.distance_px(d, member))
-            .min_by(f64::total_cmp);
-        if let Some(distance_px) = near {
-            return LeftoverReason::Contested { distance_px };
-        }
-        let verdict = &self.verdicts[member.view][member.dot];
-        let rays = verdict.rays();
-        let needed = self.settings.min_rays.max(3);
-        if verdict.pairs == 0 {
-            return LeftoverReason::NoPartner;
-        }
-        if rays < needed {
-            return LeftoverReason::TooFewRays {
-                found: rays,
-                needed,
-            };
-        }
-        let accidents = verdict.best.as_ref().map_or(0.0, |best| {
-            best.log10_accidents(verdict.pairs, self.settings)
-        });
-        if accidents > self.settings.accidents_allowed(rays) {
-            return LeftoverReason::Accidental {
-                rays,
-                log10_accidents: accidents,
-            };
-        }
-        LeftoverReason::Ambiguous {
-            rays,
-            rival_rays: verdict.rival_rays(),
-        }
-    }
 }
 
 /// Partner views of each view, those of a good angle at the object first.
 fn partners(input: &IdentificationInput, sights: &[Sight]) -> Vec<Vec<usize>> {
-    let centre = input.space.centre();
     (0..sights.len())
         .map(|view| {
+            let centre = sights[view].space.centre();
             let towards = |v: usize| sights[v].centre - centre;
             let mut ranked: Vec<(f64, usize)> = input
                 .neighbours
@@ -494,4 +429,26 @@ fn partners(input: &IdentificationInput, sights: &[Sight]) -> Vec<Vec<usize>> {
             ranked.into_iter().map(|r| r.1).collect()
         })
         .collect()
+}
+
+/// Where the targets of each view may lie: about the known points that it shows.
+fn spaces_of_views(input: &IdentificationInput) -> Vec<ObjectSpace> {
+    /// Fewest known points that tell it.
+    const FEWEST: usize = 6;
+    /// By how much of their diagonal their box is widened on all sides.
+    const MARGIN: f64 = 0.7;
+    let mut shown: Vec<Vec<&Vector3<f64>>> = vec![Vec::new(); input.views.len()];
+    for known in input.known {
+        for &view in &known.seen_in {
+            if let Some(points) = shown.get_mut(view) {
+                points.push(&known.position);
+            }
+        }
+    }
+    let space = |points: Vec<&Vector3<f64>>| {
+        let own = ObjectSpace::around(points.iter().copied(), MARGIN);
+        let told = own.filter(|_| points.len() >= FEWEST);
+        told.map_or(input.space, |own| own.common(&input.space))
+    };
+    shown.into_iter().map(space).collect()
 }

@@ -27,14 +27,18 @@ mod drafts;
 mod hypothesis;
 mod identify;
 mod intersection;
+mod limits;
+mod outcome;
 mod problem;
 mod shape;
 mod sight;
+mod surface;
+mod sweep;
 
 pub use identify::identify;
 pub use problem::{
     Claim, Identification, IdentificationInput, IdentificationSettings, KnownCircle, KnownPoint,
-    Leftover, LeftoverReason, Member, ObjectSpace, Track, View, ViewDot,
+    Leftover, LeftoverReason, Member, ObjectSpace, OrientationPrecision, Track, View, ViewDot,
 };
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! What identification is given and what it gives back.
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Camera;
@@ -28,9 +28,17 @@ pub struct View {
     pub camera: Camera,
     /// Exterior orientation as the preceding adjustment left it.
     pub pose: Pose,
+    /// How well it is known; `None` where no adjustment told.
+    pub precision: Option<OrientationPrecision>,
     /// The dots that carry no label yet.
     pub dots: Vec<ViewDot>,
 }
+
+/// Covariance of an orientation: turn in the camera frame (rad), projection centre (mm), the ten parameters of the camera.
+///
+/// The parts compensate each other: a place in the picture is predicted ten times as well and better as the variances alone would say.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OrientationPrecision(pub Box<SMatrix<f64, 16, 16>>);
 
 /// A circle of which a known point is the centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,8 +54,8 @@ pub struct KnownCircle {
 pub struct KnownPoint {
     /// Where, mm.
     pub position: Vector3<f64>,
-    /// Standard error of a coordinate, mm.
-    pub sigma_mm: f64,
+    /// Covariance of its coordinates, mm^2.
+    pub covariance: Matrix3<f64>,
     /// Views (indices) in which it is labelled already.
     pub seen_in: Vec<usize>,
     /// Its circle; decides from where it can be seen.
@@ -80,10 +88,30 @@ impl ObjectSpace {
         })
     }
 
+    /// What both boxes hold; the other one where they have nothing in common.
+    #[must_use]
+    pub fn common(&self, other: &Self) -> Self {
+        let common = Self {
+            min: self.min.sup(&other.min),
+            max: self.max.inf(&other.max),
+        };
+        if common.min < common.max {
+            common
+        } else {
+            *other
+        }
+    }
+
     /// The middle of the box.
     #[must_use]
     pub fn centre(&self) -> Vector3<f64> {
         (self.min + self.max) / 2.0
+    }
+
+    /// Whether a point lies in the box, or a millimetre beside it.
+    #[must_use]
+    pub fn holds(&self, point: &Vector3<f64>) -> bool {
+        (0..3).all(|i| point[i] >= self.min[i] - 1.0 && point[i] <= self.max[i] + 1.0)
     }
 
     /// The stretch `[near, far]` (multiples of `direction`, never negative) of a ray inside the box.
@@ -111,16 +139,17 @@ impl ObjectSpace {
 pub struct IdentificationInput<'a> {
     /// The oriented images.
     pub views: &'a [View],
-    /// For each view the views with which it shares codes.
+    /// For each view the views that show, or ought to show, some of the same points.
     pub neighbours: &'a [Vec<usize>],
     /// Points that exist already.
     pub known: &'a [KnownPoint],
     /// Where targets may lie.
     pub space: ObjectSpace,
-    /// sigma_S: rms standard error of the station coordinates in the preceding adjustment, mm.
+    /// sigma_S: rms standard error of the station coordinates in the preceding adjustment, mm. Counts for views whose precision
+    /// nobody told.
     pub station_sigma_mm: f64,
-    /// How far dots lie from the places that *good* orientations predict, px, one sigma of a coordinate: imperfect
-    /// lens, eccentricity, centring (0.3 px before the plain targets are adjusted, the adjustment's rms afterwards).
+    /// How far dots lie from the places that *good* orientations predict, px, one sigma of a coordinate, in views whose precision
+    /// nobody told.
     pub image_tolerance_px: f64,
 }
 
@@ -132,35 +161,27 @@ pub struct IdentificationSettings {
     pub min_rays: usize,
     /// Critical value of a ray's squared standardised misfit (chi-square, 2 degrees of freedom; 16 rejects 3 in 10,000).
     pub critical_ray: f64,
-    /// Critical value of a whole intersection as a normal deviate (3.7 rejects 1 in 10,000).
-    pub critical_deviate: f64,
-    /// The same where a target of at most five rays is accepted: accidents fit badly (2.3 rejects 1 in 100, which the
-    /// next pass finds).
-    pub critical_deviate_few: f64,
+    /// Level of the chi-square test of a whole intersection: the share of true targets that it rejects.
+    pub level_whole: f64,
     /// By how much the squared misfit of the second best must exceed the best's where two dots claim one place, or two
     /// targets one dot (9: three sigma).
     pub critical_margin: f64,
-    /// Largest expected number of accidental intersections like it that a target of three rays may have, as log10; each
-    /// further ray, as its dot must agree too, counts for half a power of ten, up to a whole one.
+    /// Largest number of accidental intersections as good as it that the whole measurement must be expected to hold where a target is
+    /// accepted, as log10.
     pub log10_accidents: f64,
     /// Least angle between the two rays that propose a target, radians (flatter pairs tell no depth).
     pub min_angle: f64,
     /// Largest incidence (angle between the target's normal and the ray) at which a target can be seen, radians.
     pub max_incidence: f64,
-    /// How far the squared axes of an ellipse may differ from the circle's image, as a share of the squared larger axis.
-    pub shape_tolerance: f64,
-    /// How far the axes may err besides, px (blur, thresholds).
-    pub axis_tolerance_px: f64,
+    /// Standard deviation of a dot's diameters, px, that adds to [`Self::axis_share`]: the least that is asked of them. How large it
+    /// really is is measured.
+    pub axis_sigma_px: f64,
+    /// Standard deviation of a dot's diameters as a share of them.
+    pub axis_share: f64,
+    /// Critical value of an ellipse's squared standardised misfit (chi-square, 3 degrees of freedom; 25 rejects 2 in 100,000).
+    pub critical_shape: f64,
     /// Most rounds of proposing, accepting and taking away.
     pub max_rounds: usize,
-}
-
-impl IdentificationSettings {
-    /// [`Self::log10_accidents`] for a target of that many rays.
-    #[must_use]
-    pub fn accidents_allowed(&self, rays: usize) -> f64 {
-        self.log10_accidents + 0.5 * rays.saturating_sub(3).min(2) as f64
-    }
 }
 
 impl Default for IdentificationSettings {
@@ -168,14 +189,14 @@ impl Default for IdentificationSettings {
         Self {
             min_rays: 3,
             critical_ray: 16.0,
-            critical_deviate: 3.7,
-            critical_deviate_few: 2.3,
+            level_whole: 1e-4,
             critical_margin: 9.0,
-            log10_accidents: -3.5,
+            log10_accidents: -2.5,
             min_angle: 0.05,
             max_incidence: 1.45,
-            shape_tolerance: 0.35,
-            axis_tolerance_px: 0.6,
+            axis_sigma_px: 0.1,
+            axis_share: 0.02,
+            critical_shape: 25.0,
             max_rounds: 8,
         }
     }
@@ -275,7 +296,7 @@ pub struct Identification {
     pub claims: Vec<Claim>,
     /// All other dots, by dot.
     pub leftover: Vec<Leftover>,
-    /// Standard error of a ray in each view that the pass worked with, px: from the residuals, between the image
-    /// tolerance and what sigma_S allows.
-    pub ray_sigma_px: Vec<f64>,
+    /// Standard error of a ray's coordinate in each view, px, that neither its dot nor the precision of the orientation explains: from
+    /// the residuals.
+    pub unexplained_px: Vec<f64>,
 }

@@ -2,10 +2,17 @@
 //!
 //! All of matching works in *ideal pixels*: distortion removed, origin at the principal point, y down. Epipolar lines
 //! are straight there and projection costs one division.
+//!
+//! How far a predicted place may be off because of the view's own orientation follows from the covariance of pose and camera, carried
+//! to that place: with the derivatives `J` of the prediction by the pose and `D` of the ideal place by the camera, both at one place,
+//! `O = [J, -D] C [J, -D]^T`. `D` changes slowly over the picture and is kept on a lattice.
 
-use nalgebra::{Matrix2, Matrix2x3, Matrix3, Rotation2, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x3, Matrix3, Matrix6x2, Rotation2, SMatrix, Vector2, Vector3};
 
-use super::problem::{View, ViewDot};
+use super::problem::{ObjectSpace, OrientationPrecision, View, ViewDot};
+use super::shape::root;
+use crate::camera::Camera;
+use crate::geometry::skew;
 
 /// Side of a cell of the index of places, px: a few dots of a dense field.
 const CELL_PX: f64 = 32.0;
@@ -21,8 +28,21 @@ pub(super) struct SightedDot {
     pub(super) sigma_px: f64,
     /// Unit direction of its ray in the world.
     pub(super) direction: Vector3<f64>,
-    /// `R diag(major^2, minor^2) R^T` of its ellipse; `None` where the shape is not known.
-    pub(super) squared_axes: Option<Matrix2<f64>>,
+    /// `R diag(major, minor) R^T` of its ellipse, px; `None` where the shape is not known.
+    pub(super) axes: Option<Matrix2<f64>>,
+}
+
+/// Columns and rows of the lattice of a camera's part in the uncertainty of predictions.
+const LATTICE: [usize; 2] = [24, 16];
+
+/// How well a view's orientation is known.
+#[derive(Clone, Debug)]
+struct Precision {
+    /// Covariance of the pose.
+    of_pose: SMatrix<f64, 6, 6>,
+    /// At each place of the lattice the covariance of pose with the camera's part, `-C D^T`, and that of the camera's part itself,
+    /// px^2; by rows.
+    of_camera: Vec<(Matrix6x2<f64>, Matrix2<f64>)>,
 }
 
 /// Free dots by place.
@@ -42,8 +62,13 @@ pub(super) struct Sight {
     /// Principal distance, px.
     pub(super) focal_px: f64,
     pub(super) dots: Vec<SightedDot>,
-    /// Standard error of a ray in this view, px.
-    pub(super) sigma_px: f64,
+    /// Variance of a ray's coordinate that nothing else explains, px^2.
+    pub(super) extra_px2: f64,
+    /// Mean and largest variance of a dot's own coordinate, px^2.
+    pub(super) dot_px2: [f64; 2],
+    precision: Option<Precision>,
+    /// Where the targets of this view may lie.
+    pub(super) space: ObjectSpace,
     min: Vector2<f64>,
     max: Vector2<f64>,
     index: PlaceIndex,
@@ -54,20 +79,35 @@ pub(super) struct Sight {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sighting {
     pub(super) place: Vector2<f64>,
-    /// Derivative by the world point, px/mm.
+    /// Derivative by the world point, px/mm; that by the projection centre is its negative.
     pub(super) by_point: Matrix2x3<f64>,
+    /// Derivative by the turn in the camera frame, px.
+    by_turn: Matrix2x3<f64>,
 }
 
 impl Sight {
-    pub(super) fn new(view: &View, sigma_px: f64) -> Self {
+    /// The view made ready; where its precision is not told, a ray's coordinate has the standard error `broad_px`.
+    pub(super) fn new(view: &View, broad_px: f64, space: ObjectSpace) -> Self {
         let dots: Vec<SightedDot> = view.dots.iter().map(|dot| sighted(view, dot)).collect();
         let (min, max) = ideal_frame(view);
+        let variances: Vec<f64> = dots.iter().map(|dot| dot.sigma_px * dot.sigma_px).collect();
+        let mean = variances.iter().sum::<f64>() / dots.len().max(1) as f64;
+        let most = variances.iter().copied().fold(0.0, f64::max);
+        let precision = view.precision.as_ref();
+        let precision = precision.map(|known| Precision::of(known, &view.camera, &min, &max));
         let mut sight = Self {
             camera_from_world: *view.pose.camera_from_world.matrix(),
             centre: view.pose.centre_in_world,
             focal_px: view.camera.interior.principal_distance / view.camera.pixel_pitch_mm,
             dots,
-            sigma_px,
+            extra_px2: if precision.is_some() {
+                0.0
+            } else {
+                broad_px * broad_px
+            },
+            dot_px2: [mean, most],
+            precision,
+            space,
             min,
             max,
             index: PlaceIndex {
@@ -139,7 +179,40 @@ impl Sight {
         Some(Sighting {
             place: Vector2::new(-k.x, k.y) * f,
             by_point: by_camera * self.camera_from_world,
+            by_turn: -by_camera * skew(&k),
         })
+    }
+
+    /// Covariance of a prediction by the view's orientation, and by what nothing explains, px^2.
+    pub(super) fn uncertainty(&self, seen: &Sighting) -> Matrix2<f64> {
+        let extra = Matrix2::identity() * self.extra_px2;
+        let Some(precision) = &self.precision else {
+            return extra;
+        };
+        let mut by_pose = SMatrix::<f64, 2, 6>::zeros();
+        by_pose
+            .fixed_view_mut::<2, 3>(0, 0)
+            .copy_from(&seen.by_turn);
+        by_pose
+            .fixed_view_mut::<2, 3>(0, 3)
+            .copy_from(&-seen.by_point);
+        let share = (seen.place - self.min).component_div(&(self.max - self.min));
+        let cell =
+            |share: f64, count: usize| ((share * count as f64).max(0.0) as usize).min(count - 1);
+        let at = cell(share.y, LATTICE[1]) * LATTICE[0] + cell(share.x, LATTICE[0]);
+        let (with_pose, own) = &precision.of_camera[at];
+        let cross = by_pose * with_pose;
+        by_pose * precision.of_pose * by_pose.transpose() + cross + cross.transpose() + own + extra
+    }
+
+    /// Covariance of how far a dot of mean precision lies from a prediction, but for the point's own, px^2.
+    pub(super) fn spread(&self, seen: &Sighting) -> Matrix2<f64> {
+        self.uncertainty(seen) + Matrix2::identity() * self.dot_px2[0]
+    }
+
+    /// Whether the view's precision is told.
+    pub(super) fn is_precise(&self) -> bool {
+        self.precision.is_some()
     }
 
     /// Pixels per millimetre across the ray at a world point.
@@ -253,18 +326,85 @@ impl Sight {
         (from <= to).then(|| (a + way * from, a + way * to))
     }
 
-    /// Free dots per square pixel round a place; never below the mean of the whole view.
-    pub(super) fn density(&self, place: &Vector2<f64>) -> f64 {
+    /// Free dots per square pixel round a place of which `alike` holds; never below a part of the mean of the whole view.
+    pub(super) fn density(&self, place: &Vector2<f64>, alike: impl Fn(&SightedDot) -> bool) -> f64 {
+        /// Dots of any shape are so many times as frequent as those of one shape, at most.
+        const SHARE_ALIKE: f64 = 0.05;
         let (column, row) = self.cell(place);
         let mut count = 0;
         for r in row - DENSITY_CELLS..=row + DENSITY_CELLS {
-            count += self
-                .row(r, column - DENSITY_CELLS, column + DENSITY_CELLS)
-                .len();
+            let dots = self.row(r, column - DENSITY_CELLS, column + DENSITY_CELLS);
+            count += dots
+                .iter()
+                .filter(|dot| alike(&self.dots[**dot as usize]))
+                .count();
         }
         let side = (2 * DENSITY_CELLS + 1) as f64 * CELL_PX;
-        (count as f64 / (side * side)).max(self.free_density)
+        (count as f64 / (side * side)).max(SHARE_ALIKE * self.free_density)
     }
+}
+
+impl Precision {
+    fn of(
+        known: &OrientationPrecision,
+        camera: &Camera,
+        min: &Vector2<f64>,
+        max: &Vector2<f64>,
+    ) -> Self {
+        let of_all = &known.0;
+        let of_pose = of_all.fixed_view::<6, 6>(0, 0).into_owned();
+        let with_camera = of_all.fixed_view::<6, 10>(0, 6).into_owned();
+        let own = of_all.fixed_view::<10, 10>(6, 6).into_owned();
+        let [columns, rows] = LATTICE;
+        let of_camera = (0..columns * rows)
+            .map(|at| {
+                let share = Vector2::new(
+                    ((at % columns) as f64 + 0.5) / columns as f64,
+                    ((at / columns) as f64 + 0.5) / rows as f64,
+                );
+                let place = min + share.component_mul(&(max - min));
+                let by_camera = -by_interior(camera, &place, &own);
+                (
+                    with_camera * by_camera.transpose(),
+                    by_camera * own * by_camera.transpose(),
+                )
+            })
+            .collect();
+        Self { of_pose, of_camera }
+    }
+}
+
+/// Derivative of a measured dot's ideal place, less that of the prediction of the same ray, by the ten parameters, px.
+fn by_interior(
+    camera: &Camera,
+    place: &Vector2<f64>,
+    covariance: &SMatrix<f64, 10, 10>,
+) -> SMatrix<f64, 2, 10> {
+    let interior = &camera.interior;
+    let pitch = camera.pixel_pitch_mm;
+    let mut by = SMatrix::<f64, 2, 10>::zeros();
+    let ideal = Vector2::new(place.x, -place.y) * pitch;
+    let Some(measured) = interior.measured_from_ideal(&ideal) else {
+        return by;
+    };
+    let values = interior.to_vector();
+    for k in 0..10 {
+        // A step as long as the parameter's own standard deviation: the derivative is wanted over that range.
+        let step = covariance[(k, k)].max(0.0).sqrt();
+        if step <= 0.0 {
+            continue;
+        }
+        let off = |by: f64| {
+            let mut values = values;
+            values[k] += by;
+            let changed = interior.with_values(&values);
+            let ray = ideal * (changed.principal_distance / interior.principal_distance);
+            changed.ideal_from_measured(&measured) - ray
+        };
+        let change = (off(step) - off(-step)) / (2.0 * step * pitch);
+        by.set_column(k, &Vector2::new(change.x, -change.y));
+    }
+    by
 }
 
 fn sighted(view: &View, dot: &ViewDot) -> SightedDot {
@@ -275,23 +415,35 @@ fn sighted(view: &View, dot: &ViewDot) -> SightedDot {
     let ray = Vector3::new(ideal.x, ideal.y, -interior.principal_distance);
     let known = dot.major_px > 0.0 && dot.minor_px > 0.0 && dot.angle.is_finite();
     let correction = interior.correction(&measured).filter(|_| known);
-    let squared_axes = correction.map(|correction| {
+    let axes = correction.map(|correction| {
         let turn = Rotation2::new(dot.angle);
-        let axes = Matrix2::from_diagonal(&Vector2::new(
+        let squared = Matrix2::from_diagonal(&Vector2::new(
             dot.major_px * dot.major_px,
             dot.minor_px * dot.minor_px,
         ));
         let downward = Matrix2::new(1.0, 0.0, 0.0, -1.0);
         let stretch = downward * correction.by_measured * downward;
-        let turned = turn.matrix() * axes * turn.matrix().transpose();
-        stretch * turned * stretch.transpose()
+        let turned = turn.matrix() * squared * turn.matrix().transpose();
+        root(&(stretch * turned * stretch.transpose()))
     });
+    let focal_px = interior.principal_distance / pitch;
     SightedDot {
         place: Vector2::new(ideal.x, -ideal.y) / pitch,
-        sigma_px: dot.sigma_px,
+        sigma_px: dot.sigma_px.hypot(eccentricity_px(dot, focal_px)),
         direction: view.pose.world_from_direction(&ray).normalize(),
-        squared_axes,
+        axes,
     }
+}
+
+/// How far the centre of a dot's image is from the image of its centre, about: `r^2 sin cos / f` of the half diameter `r` and the
+/// incidence (Heikkilae, 1997). Identification takes the one for the other.
+fn eccentricity_px(dot: &ViewDot, focal_px: f64) -> f64 {
+    if dot.major_px <= 0.0 {
+        return 0.0;
+    }
+    let cos = (dot.minor_px / dot.major_px).clamp(0.0, 1.0);
+    let sin = (1.0 - cos * cos).sqrt();
+    (dot.major_px / 2.0).powi(2) * sin * cos / focal_px
 }
 
 /// The upright box of ideal pixels that the frame's border covers.

@@ -247,6 +247,7 @@ impl Scene {
                 View {
                     camera: self.camera.clone(),
                     pose: moved,
+                    precision: None,
                     dots,
                 }
             })
@@ -260,7 +261,7 @@ impl Scene {
         codes
             .map(|(code, seen_in)| KnownPoint {
                 position: code.point + normal3(&mut rng, sigma_mm),
-                sigma_mm,
+                covariance: Matrix3::identity() * (sigma_mm * sigma_mm),
                 seen_in: seen_in.clone(),
                 circle: Some(KnownCircle {
                     diameter_mm: Some(DOT_MM),

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use nalgebra::Matrix6;
+use nalgebra::{Matrix6, SMatrix};
 use serde::{Deserialize, Serialize};
 
 use super::{CameraId, Code, PointId};
@@ -82,6 +82,9 @@ pub struct Station {
     pub pose: Pose,
     /// A-posteriori covariance of (turn in the camera frame, rad; centre, mm); `None` before an adjustment.
     pub covariance: Option<Matrix6<f64>>,
+    /// Its covariance with the ten parameters of the camera; `None` before an adjustment.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub with_camera: Option<SMatrix<f64, 6, 10>>,
 }
 
 /// An orientation that was tried and failed; it stands until more is known.

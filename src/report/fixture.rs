@@ -153,6 +153,7 @@ fn oriented_image() -> ImageEntry {
         covariance: Some(Matrix6::from_diagonal(
             &[1e-8, 1e-8, 1e-8, 0.01, 0.04, 0.09].into(),
         )),
+        with_camera: None,
     });
     image
 }

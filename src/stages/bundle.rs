@@ -307,6 +307,7 @@ impl Bundle {
             network.image_mut(*id).station = Some(Station {
                 pose: adjusted.pose,
                 covariance: Some(adjusted.covariance),
+                with_camera: Some(adjusted.with_camera),
             });
         }
         for (id, adjusted) in self.cameras.iter().zip(&adjustment.cameras) {
@@ -335,6 +336,7 @@ impl Bundle {
             network.image_mut(*id).station = Some(Station {
                 pose,
                 covariance: None,
+                with_camera: None,
             });
         }
         for (id, camera) in self.cameras.iter().zip(&settled.cameras) {

@@ -299,6 +299,7 @@ impl Resected {
                 image.station = Some(Station {
                     pose: found.pose,
                     covariance: None,
+                    with_camera: None,
                 });
                 image.attempt = None;
                 give_names(image, &found.named);

@@ -141,6 +141,7 @@ fn build(network: &Network, start: &Start, monitor: &Monitor) -> Result<Network,
         built.image_mut(*id).station = Some(Station {
             pose: *pose,
             covariance: None,
+            with_camera: None,
         });
     }
     built.connection_order = Arc::new(start.images.to_vec());

@@ -3,17 +3,20 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
+use nalgebra::{Matrix3, SMatrix, Vector3};
+use rayon::prelude::*;
+
 use super::code_shape::{CodeShapes, normal_of_code};
 use super::set_aside::{OF_OTHER_TARGETS, codes_set_aside, set_code_aside};
 use super::{Halt, adjust, circles};
 use crate::matching::{
     Identification, IdentificationInput, IdentificationSettings, KnownCircle, KnownPoint, Leftover,
-    LeftoverReason, Member, ObjectSpace, Track, View, ViewDot, identify,
+    LeftoverReason, Member, ObjectSpace, OrientationPrecision, Track, View, ViewDot, identify,
 };
 use crate::monitor::Monitor;
 use crate::network::{
-    AdjustmentResult, Connectivity, Finding, IdentificationPass, ImageEntry, ImageId, Label,
-    Network, Point, PointId, ScaleSource, Source, Stage,
+    AdjustmentResult, CameraId, Finding, IdentificationPass, ImageEntry, ImageId, Label, Network,
+    Point, PointId, ScaleSource, Source, Stage, Station,
 };
 use crate::targets::{DotIndex, Family};
 
@@ -154,26 +157,16 @@ impl Scene {
                 view: View {
                     camera,
                     pose: station.pose,
+                    precision: precision(network, image.camera, station),
                     dots: view_dots,
                 },
                 dots,
             });
             images.push(id);
         }
-        let place: BTreeMap<ImageId, usize> =
-            images.iter().enumerate().map(|(i, id)| (*id, i)).collect();
-        let (known_ids, known) = known_points(network, &images).into_iter().unzip();
-        let connectivity = Connectivity::of(network);
-        let mut neighbours = vec![Vec::new(); images.len()];
-        for image in &connectivity.images {
-            if let Some(&index) = place.get(&image.image) {
-                neighbours[index] = image
-                    .shared
-                    .keys()
-                    .filter_map(|id| place.get(id).copied())
-                    .collect();
-            }
-        }
+        let (known_ids, known): (Vec<PointId>, Vec<KnownPoint>) =
+            known_points(network, &images).into_iter().unzip();
+        let neighbours = neighbours(&views, &known);
         Self {
             views,
             images,
@@ -182,6 +175,69 @@ impl Scene {
             neighbours,
         }
     }
+}
+
+/// Covariance of an orientation with its camera, where the last adjustment told it.
+fn precision(
+    network: &Network,
+    camera: CameraId,
+    station: &Station,
+) -> Option<OrientationPrecision> {
+    let of_camera = network.adjustment.as_ref().map(|a| &a.cameras)?;
+    let of_camera = of_camera.iter().find(|result| result.camera == camera)?;
+    let (own, with_camera) = (station.covariance?, station.with_camera?);
+    let mut joint = Box::new(SMatrix::<f64, 16, 16>::zeros());
+    joint.fixed_view_mut::<6, 6>(0, 0).copy_from(&own);
+    joint.fixed_view_mut::<6, 10>(0, 6).copy_from(&with_camera);
+    joint
+        .fixed_view_mut::<10, 6>(6, 0)
+        .copy_from(&with_camera.transpose());
+    joint
+        .fixed_view_mut::<10, 10>(6, 6)
+        .copy_from(&of_camera.covariance);
+    Some(OrientationPrecision(joint))
+}
+
+/// For each view those that ought to show one of the known points that it ought to show: sharing a code that is read in both, as the
+/// paper has it, is more than needs be.
+///
+/// Cost: a bit for each pair of views and known point.
+fn neighbours(views: &[ImageView], known: &[KnownPoint]) -> Vec<Vec<usize>> {
+    /// Largest angle to the normal, as a cosine, at which a target is seen.
+    const LEAST_COSINE: f64 = 0.25;
+    /// Without a normal: largest angle to a view that does see the point, as a cosine.
+    const LEAST_COSINE_BETWEEN: f64 = 0.5;
+    let centres: Vec<_> = views.iter().map(|v| v.view.pose.centre_in_world).collect();
+    let shown = |(index, view): (usize, &ImageView)| {
+        let View { camera, pose, .. } = &view.view;
+        let mut bits = vec![0_u64; known.len().div_ceil(64)];
+        for (place, point) in known.iter().enumerate() {
+            let towards = (pose.centre_in_world - point.position).normalize();
+            let faces = match &point.circle {
+                Some(circle) => circle.normal.dot(&towards) > LEAST_COSINE,
+                None => point.seen_in.iter().any(|other| {
+                    let other = (centres[*other] - point.position).normalize();
+                    other.dot(&towards) > LEAST_COSINE_BETWEEN
+                }),
+            };
+            let in_frame = || {
+                let pixel = camera.project(&pose.camera_from_point(&point.position));
+                pixel.is_some_and(|pixel| camera.contains(&pixel))
+            };
+            if point.seen_in.contains(&index) || faces && in_frame() {
+                bits[place / 64] |= 1 << (place % 64);
+            }
+        }
+        bits
+    };
+    let shown: Vec<Vec<u64>> = views.par_iter().enumerate().map(shown).collect();
+    let share = |a: usize, b: usize| shown[a].iter().zip(&shown[b]).any(|(x, y)| x & y != 0);
+    let of_view = |a: usize| {
+        (0..views.len())
+            .filter(|b| *b != a && share(a, *b))
+            .collect()
+    };
+    (0..views.len()).into_par_iter().map(of_view).collect()
 }
 
 /// Whether a dot has no name that holds: none, or that of a code which only this image shows.
@@ -210,7 +266,7 @@ fn known_points(network: &Network, images: &[ImageId]) -> Vec<(PointId, KnownPoi
         .points
         .iter()
         .map(|(&id, point)| {
-            let circle = match id {
+            let of_code = || match id {
                 PointId::Code {
                     family: Family::Dot420,
                     code,
@@ -224,15 +280,36 @@ fn known_points(network: &Network, images: &[ImageId]) -> Vec<(PointId, KnownPoi
                 }),
                 _ => None,
             };
+            let seen_in = seen_in.remove(&id).unwrap_or_default();
+            let carried = point.circle.map(|circle| KnownCircle {
+                diameter_mm: Some(2.0 * circle.radius_mm),
+                normal: towards_cameras(network, images, &point.position, &seen_in, circle.normal),
+            });
             let known = KnownPoint {
                 position: point.position,
-                sigma_mm: point.covariance.map_or(0.0, |q| (q.trace() / 3.0).sqrt()),
-                seen_in: seen_in.remove(&id).unwrap_or_default(),
-                circle,
+                covariance: point.covariance.unwrap_or_else(Matrix3::zeros),
+                seen_in,
+                circle: carried.or_else(of_code),
             };
             (id, known)
         })
         .collect()
+}
+
+/// The normal of a circle on the side of the views that see it; of the circle's own the sign means nothing.
+fn towards_cameras(
+    network: &Network,
+    images: &[ImageId],
+    point: &Vector3<f64>,
+    seen_in: &[usize],
+    normal: Vector3<f64>,
+) -> Vector3<f64> {
+    let stations = seen_in
+        .iter()
+        .filter_map(|index| network.images[&images[*index]].station.as_ref());
+    let towards = stations.map(|station| (station.pose.centre_in_world - point).normalize());
+    let along: f64 = towards.map(|towards| towards.dot(&normal)).sum();
+    if along < 0.0 { -normal } else { normal }
 }
 
 /// Puts the result of a pass into the network.

@@ -101,17 +101,20 @@ pub(super) fn transform(network: &mut Network, similarity: &Similarity) {
         let Some(station) = &mut network.image_mut(id).station else {
             continue;
         };
-        let Station { pose, covariance } = station;
+        let Station {
+            pose,
+            covariance,
+            with_camera,
+        } = station;
         *pose = Pose {
             camera_from_world: pose.camera_from_world * rotation.inverse(),
             centre_in_world: similarity.apply(&pose.centre_in_world),
         };
         // The turn is counted in the camera frame, which does not move.
-        *covariance = covariance.map(|q| {
-            let mut by_old = Matrix6::identity();
-            by_old.fixed_view_mut::<3, 3>(3, 3).copy_from(&spread);
-            by_old * q * by_old.transpose()
-        });
+        let mut by_old = Matrix6::identity();
+        by_old.fixed_view_mut::<3, 3>(3, 3).copy_from(&spread);
+        *covariance = covariance.map(|q| by_old * q * by_old.transpose());
+        *with_camera = with_camera.map(|q| by_old * q);
     }
 }
 

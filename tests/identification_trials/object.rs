@@ -79,7 +79,11 @@ impl Object {
         let faces = (0..count)
             .map(|index| Face {
                 width: if index >= 3 { depth } else { width },
-                height: if index == 0 { depth } else { 0.25 * width * 2.0 },
+                height: if index == 0 {
+                    depth
+                } else {
+                    0.25 * width * 2.0
+                },
                 index,
             })
             .collect();
@@ -119,9 +123,9 @@ impl Object {
                 }
             }
             let free = |place: &Vector2<f64>| {
-                let off_plates = taken.get(&face).is_none_or(|plates| {
-                    plates.iter().all(|p| (p - place).norm() > PLATE_MM)
-                });
+                let off_plates = taken
+                    .get(&face)
+                    .is_none_or(|plates| plates.iter().all(|p| (p - place).norm() > PLATE_MM));
                 off_plates
                     && dots.get(&face).is_none_or(|dots| {
                         dots.iter()
@@ -137,7 +141,11 @@ impl Object {
                 places.truncate(wanted);
             }
             let room = recipe.targets.saturating_sub(self.targets.len());
-            places.truncate(if face + 1 == self.faces.len() { room } else { wanted });
+            places.truncate(if face + 1 == self.faces.len() {
+                room
+            } else {
+                wanted
+            });
             for place in places {
                 self.targets.push(self.spot(face, &place));
             }
@@ -242,7 +250,12 @@ impl Object {
         free: &impl Fn(&Vector2<f64>) -> bool,
         random: &mut ChaCha8Rng,
     ) -> Vec<Vector2<f64>> {
-        let cell = |p: &Vector2<f64>| ((p.x / spacing).floor() as i32, (p.y / spacing).floor() as i32);
+        let cell = |p: &Vector2<f64>| {
+            (
+                (p.x / spacing).floor() as i32,
+                (p.y / spacing).floor() as i32,
+            )
+        };
         // The field is as dense as asked for where many stand at the least distance: darts leave it thinner.
         let least = 0.8 * spacing.max(2.5 * DOT_MM);
         let least = least.max(2.0 * DOT_MM);
@@ -310,7 +323,9 @@ impl Object {
             }
             Form::Steps => {
                 let column = ((x / self.width + 0.5) * 4.0).floor().clamp(0.0, 3.0) as usize;
-                let row = ((y * ASPECT / self.width + 0.5) * 4.0).floor().clamp(0.0, 3.0) as usize;
+                let row = ((y * ASPECT / self.width + 0.5) * 4.0)
+                    .floor()
+                    .clamp(0.0, 3.0) as usize;
                 Vector3::new(x, y, self.levels[4 * row + column])
             }
             Form::Box => {

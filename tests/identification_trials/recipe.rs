@@ -77,7 +77,8 @@ impl Recipe {
             layout,
             targets,
             spacing: log_uniform(random, 2.0, 8.0),
-            codes: codes_on(form) + ((targets as f64).sqrt() * random.random_range(0.3..1.0)) as usize,
+            codes: codes_on(form)
+                + ((targets as f64).sqrt() * random.random_range(0.3..1.0)) as usize,
             stations: (log_uniform(random, 6.0, 61.0) as usize).max(fewest_stations(form)),
             noise_px: log_uniform(random, 0.02, 0.1),
             missed: 0.1,

@@ -95,7 +95,10 @@ fn true_camera(random: &mut ChaCha8Rng) -> Camera {
     let radial = random.random_range(-0.010..0.004) / corner.powi(2);
     let mut interior = InteriorOrientation::pinhole(half_width * random.random_range(1.3..2.6));
     interior.radial = [radial, -0.1 * radial / corner.powi(2), 0.0];
-    interior.principal_point = [random.random_range(-0.15..0.15), random.random_range(-0.15..0.15)];
+    interior.principal_point = [
+        random.random_range(-0.15..0.15),
+        random.random_range(-0.15..0.15),
+    ];
     Camera {
         width_px: width,
         height_px: height,
@@ -168,6 +171,10 @@ fn station(
             0.0,
         );
     let roll = f64::from(random.random_range(0..4)) * FRAC_PI_2 + random.random_range(-0.2..0.2);
-    let up = if away.z > 0.97 { Vector3::y() } else { Vector3::z() };
+    let up = if away.z > 0.97 {
+        Vector3::y()
+    } else {
+        Vector3::z()
+    };
     Pose::looking_at(aim + away * distance, aim, up, roll)
 }

@@ -85,7 +85,12 @@ impl View<'_> {
             sigma_px,
             major_px: major_px.max(minor_px),
             minor_px: minor_px.min(major_px),
-            angle: major.y.atan2(major.x).rem_euclid(PI),
+            angle: if major_px >= minor_px {
+                major.y.atan2(major.x)
+            } else {
+                minor.y.atan2(minor.x)
+            }
+            .rem_euclid(PI),
             contrast: 120.0,
             background: 12.0,
         })

@@ -83,7 +83,8 @@ impl Verdict {
             for (slot, truth) in truths.iter().enumerate() {
                 let dot = DotIndex(slot as u32);
                 let label = image.labels.get(&dot);
-                let right = label.is_some_and(|l| *truth != Truth::False && owners.get(&l.point) == Some(truth));
+                let right = label
+                    .is_some_and(|l| *truth != Truth::False && owners.get(&l.point) == Some(truth));
                 if let Some(label) = label.filter(|_| !right) {
                     if label.rejected.is_none() {
                         verdict.wrong_used += 1;
@@ -137,7 +138,11 @@ fn owners(scene: &Scene, network: &Network) -> BTreeMap<PointId, Truth> {
     for (id, image) in network.images.iter() {
         for (dot, label) in image.labels.iter() {
             let truth = scene.truth[id][dot.slot()];
-            *votes.entry(label.point).or_default().entry(truth).or_default() += 1;
+            *votes
+                .entry(label.point)
+                .or_default()
+                .entry(truth)
+                .or_default() += 1;
         }
     }
     votes

@@ -89,6 +89,7 @@ impl Scene {
             image.station = Some(Station {
                 pose: station.pose,
                 covariance: None,
+                with_camera: None,
             });
         }
         let found = points.iter().zip(&adjusted.points);

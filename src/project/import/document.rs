@@ -174,6 +174,7 @@ impl Imported<'_> {
             entry.station = image.start.map(|pose| Station {
                 pose,
                 covariance: None,
+                with_camera: None,
             });
             images.insert(image_id(index), Arc::new(entry));
         }

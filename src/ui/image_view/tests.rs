@@ -88,6 +88,7 @@ fn scene() -> &'static Scene {
             entry.station = Some(Station {
                 pose: station.pose,
                 covariance: None,
+                with_camera: None,
             });
             let id = ImageId(number as u32);
             images.insert(id, Arc::new(entry));

@@ -170,6 +170,7 @@ fn ring_image(number: u32, stations: u32, ids: &[PointId]) -> ImageEntry {
     image.station = Some(Station {
         pose,
         covariance: None,
+        with_camera: None,
     });
     image.labels = Arc::new(
         ids.iter()

@@ -216,6 +216,7 @@ fn image(id: u32, next: &mut impl FnMut() -> f64) -> ImageEntry {
                 centre_in_world: Vector3::from_fn(|_, _| next()),
             },
             covariance: Some(Matrix6::from_fn(|_, _| next())),
+            with_camera: Some(SMatrix::from_fn(|_, _| next())),
         }),
         attempt: Some(Attempt {
             basis: 2,
