@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{Matrix3, SymmetricEigen, Vector2};
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 use tiepoint::camera::Camera;
@@ -68,29 +68,26 @@ impl View<'_> {
         let sigma_px = self.recipe.noise_px * random.random_range(1.0..2.0);
         let centre_px =
             px + Vector2::new(normal_deviate(random), normal_deviate(random)) * sigma_px;
-        // What is seen of the circle across the line of sight is its longest diameter.
-        let across = spot.normal.cross(&away).try_normalize(1e-9);
-        let across = across.unwrap_or_else(|| spot.normal.cross(&Vector3::x()).normalize());
-        let along = spot.normal.cross(&across);
-        let diameter = |axis: &Vector3<f64>| {
-            let ends = [-1.0, 1.0].map(|sign| spot.place + axis * (sign * circle.radius_mm));
-            let [from, to] = ends.map(|end| camera.project(&self.pose.camera_from_point(&end)));
-            Some(to? - from?)
-        };
-        let (major, minor) = (diameter(&across)?, diameter(&along)?);
-        let major_px = major.norm() + AXIS_PX * normal_deviate(random);
-        let minor_px = minor.norm() + AXIS_PX * normal_deviate(random);
+        // The image of a small circle is the ellipse J Q J^T of Q = d^2 (I - n n^T).
+        let in_camera = self.pose.camera_from_point(&spot.place);
+        let projection = camera.project_with_jacobians(&in_camera)?;
+        let by_point = projection.by_point * self.pose.camera_from_world.matrix();
+        let flat = Matrix3::identity() - spot.normal * spot.normal.transpose();
+        let squared = by_point * flat * by_point.transpose() * (2.0 * circle.radius_mm).powi(2);
+        let ellipse = SymmetricEigen::new(squared);
+        let (large, small) = (ellipse.eigenvalues.imax(), ellipse.eigenvalues.imin());
+        let diameter = |at: usize| ellipse.eigenvalues[at].max(0.0).sqrt();
+        let major_px = diameter(large) + AXIS_PX * normal_deviate(random);
+        let minor_px = diameter(small) + AXIS_PX * normal_deviate(random);
+        let longer = ellipse
+            .eigenvectors
+            .column(if major_px >= minor_px { large } else { small });
         Some(Dot {
             centre_px,
             sigma_px,
             major_px: major_px.max(minor_px),
             minor_px: minor_px.min(major_px),
-            angle: if major_px >= minor_px {
-                major.y.atan2(major.x)
-            } else {
-                minor.y.atan2(minor.x)
-            }
-            .rem_euclid(PI),
+            angle: longer[1].atan2(longer[0]).rem_euclid(PI),
             contrast: 120.0,
             background: 12.0,
         })
