@@ -7,9 +7,11 @@ use std::sync::Arc;
 use clap::{ArgGroup, Args, Parser, Subcommand, ValueEnum};
 use tiepoint::adjustment::OutlierTest;
 use tiepoint::commands::{self, CommandError, Failure};
+use tiepoint::geometry::Scale;
 use tiepoint::monitor::Monitor;
 use tiepoint::network::Stage;
 use tiepoint::plain_network::Weights;
+use tiepoint::report::{ExistingNames, NamingSettings};
 use tiepoint::targets::Family;
 use tiepoint::targets::sheet::{IdList, SheetSettings, Tone};
 use tiepoint::ui::window::{self, Beginning, WindowError};
@@ -42,6 +44,8 @@ enum Command {
     Export(Export),
     /// Compare a project's coordinates with known ones by a best fit.
     Compare(Compare),
+    /// Give plain targets the names of approximate coordinates.
+    Name(Name),
     /// Adjust a network without pictures.
     Adjust(AdjustArguments),
     /// Make a project of another program's network.
@@ -239,6 +243,28 @@ struct Compare {
 }
 
 #[derive(Args)]
+struct Name {
+    /// Project file.
+    project: PathBuf,
+    /// Names with approximate coordinates, in any frame (CSV).
+    #[arg(long)]
+    reference: PathBuf,
+    /// Within what distance a target is at a known place, mm; without it a third of the smallest spacing of the reference,
+    /// but no more than a hundredth of its extent.
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    within: Option<f64>,
+    /// Estimate a scale too.
+    #[arg(long)]
+    with_scale: bool,
+    /// Have names that targets have already give way to the reference's.
+    #[arg(long)]
+    rename: bool,
+    /// Print the result as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Args)]
 #[command(group(ArgGroup::new("file").required(true)))]
 struct Codes {
     /// Table file (CSV).
@@ -407,12 +433,25 @@ fn run(command: Command, monitor: &Monitor) -> Result<(), CommandError> {
         Command::Compare(compare) => commands::compare(
             &compare.project,
             &compare.reference,
-            if compare.with_scale {
-                tiepoint::geometry::Scale::Free
-            } else {
-                tiepoint::geometry::Scale::One
-            },
+            scale(compare.with_scale),
             commands::Form::of_json(compare.json),
+        ),
+        Command::Name(name) => commands::name(
+            &commands::NameRequest {
+                project: name.project,
+                reference: name.reference,
+                settings: NamingSettings {
+                    scale: scale(name.with_scale),
+                    within_mm: name.within,
+                    existing: if name.rename {
+                        ExistingNames::GiveWay
+                    } else {
+                        ExistingNames::Stay
+                    },
+                    ..NamingSettings::default()
+                },
+            },
+            commands::Form::of_json(name.json),
         ),
         Command::Adjust(adjust) => commands::adjust(
             &commands::AdjustRequest {
@@ -439,6 +478,11 @@ fn run(command: Command, monitor: &Monitor) -> Result<(), CommandError> {
         }),
         Command::Codes(codes) => write_codes(codes),
     }
+}
+
+/// The scale of a best fit where one was asked for.
+fn scale(with_scale: bool) -> Scale {
+    if with_scale { Scale::Free } else { Scale::One }
 }
 
 fn write_codes(codes: Codes) -> Result<(), CommandError> {

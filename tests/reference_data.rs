@@ -13,7 +13,9 @@ use tiepoint::network::{Network, Stage};
 use tiepoint::project::files::{read_cameras, read_reference};
 use tiepoint::project::intake::{add_cameras, add_images};
 use tiepoint::project::session::Session;
-use tiepoint::report::{CompareSettings, compare};
+use tiepoint::report::{
+    CompareSettings, Naming, NamingSettings, ReferencePoint, Way, compare, name_by_reference,
+};
 use tiepoint::targets::Family;
 
 /// The centres of codes that another program found, by image and number.
@@ -81,6 +83,43 @@ fn the_panel_of_known_points_is_measured_from_photographs() {
         "{} plain dots as points",
         comparison.by_place.points
     );
+    plain_dots_get_their_names(&network, &reference);
+}
+
+/// By the codes, and by nothing but the irregularity of a panel on which dots stand every 82 mm.
+fn plain_dots_get_their_names(network: &Network, reference: &[ReferencePoint]) {
+    let settings = NamingSettings {
+        scale: Scale::Free,
+        ..NamingSettings::default()
+    };
+    let by_codes = name_by_reference(network, reference, &settings).expect("common codes");
+    let without_labels: Vec<ReferencePoint> = reference
+        .iter()
+        .map(|point| ReferencePoint {
+            label: Some(format!("known {}", point.name)),
+            ..point.clone()
+        })
+        .collect();
+    let by_geometry = name_by_reference(network, &without_labels, &settings);
+    let told = |naming: &Naming| {
+        format!(
+            "{} dots named within {:.2} mm, rms {:.4} mm, largest {:.4} mm, {} ambiguous",
+            naming.names.len(),
+            naming.within_mm,
+            naming.named.rms_mm.unwrap_or_default(),
+            naming.named.largest_mm.unwrap_or_default(),
+            naming.ambiguous.len()
+        )
+    };
+    say(&format!("by codes: {}", told(&by_codes)));
+    assert_eq!(by_codes.way, Way::Labels);
+    assert!(by_codes.names.len() >= 160, "{}", by_codes.names.len());
+    assert!(by_codes.named.rms_mm.is_some_and(|rms| rms < 0.03));
+    let by_geometry = by_geometry.expect("one pose");
+    say(&format!("by geometry: {}", told(&by_geometry)));
+    let known = |name: &String| format!("known {name}");
+    let named: Vec<_> = by_codes.names.values().map(known).collect();
+    assert_eq!(by_geometry.names.into_values().collect::<Vec<_>>(), named);
 }
 
 /// At least 1060 of 1086 codes with the same number, none with another, centres within 0.05 px rms.

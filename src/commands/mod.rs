@@ -8,6 +8,7 @@ mod demo;
 mod detect;
 mod export;
 mod import;
+mod name;
 mod overlays;
 mod project;
 mod run;
@@ -21,7 +22,7 @@ use crate::project::files::FileError;
 use crate::project::import::ImportingError;
 use crate::project::intake::IntakeError;
 use crate::project::making::MakingError;
-use crate::project::session::Session;
+use crate::project::session::{Session, SessionError};
 use crate::project::storage::StorageError;
 use crate::report::WriteError;
 
@@ -31,6 +32,7 @@ pub use demo::{DemoCross, DemoRequest, PreparedDemo, demo, prepare_demo};
 pub use detect::{DetectRequest, detect};
 pub use export::{ExportRequest, compare, export};
 pub use import::{ImportRequest, Program, import};
+pub use name::{NameRequest, name};
 pub use project::{NewRequest, add, exclude, new};
 pub use run::{measure, run};
 pub use terminal::{monitor_on_terminal, report, report_failure};
@@ -149,6 +151,15 @@ impl From<ImportingError> for CommandError {
 impl From<LoadError> for CommandError {
     fn from(error: LoadError) -> Self {
         Self::input(error.to_string())
+    }
+}
+
+impl From<SessionError> for CommandError {
+    fn from(error: SessionError) -> Self {
+        match error {
+            SessionError::Storage(error) => error.into(),
+            SessionError::Edit(_) => Self::work(error.to_string()),
+        }
     }
 }
 

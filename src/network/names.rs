@@ -54,7 +54,23 @@ impl Network {
         label.parse()
     }
 
-    /// Gives the plain targets of these numbers names, and takes away those that they had.
+    /// The numbers of the plain targets that there are: they have coordinates, or an image shows them.
+    #[must_use]
+    pub fn targets(&self) -> BTreeSet<u32> {
+        let shown = self.images.values().flat_map(|image| image.labels.values());
+        let points = shown
+            .map(|label| label.point)
+            .chain(self.points.keys().copied());
+        points
+            .filter_map(|point| match point {
+                PointId::Target(number) => Some(number),
+                PointId::Code { .. } | PointId::Device(_) => None,
+            })
+            .collect()
+    }
+
+    /// Gives the plain targets of these numbers names, and takes away those that they had. A number stays with its name
+    /// where nothing shows the target any more: numbers are given once, so that no other target can inherit it.
     ///
     /// # Errors
     /// [`NameProblem`]: the name says nothing, or means another point; the network is unchanged then.

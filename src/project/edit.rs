@@ -3,17 +3,19 @@
 //! An edit is checked again when it is applied: while a step runs, edits wait, and what they are about may be gone.
 
 mod known;
+mod names;
 mod settings;
 #[cfg(test)]
 mod tests;
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
 use crate::network::{
-    BarRole, CodeDot, ControlRole, Frame, ImageId, ImageUse, Label, MeasurementSettings, Network,
-    PointId, ScaleBar, Source, Stage,
+    BarRole, CodeDot, ControlRole, Frame, ImageId, ImageUse, Label, MeasurementSettings,
+    NameProblem, Network, PointId, ScaleBar, Source, Stage,
 };
 use crate::targets::{CodeReading, Dot, DotIndex};
 
@@ -127,6 +129,18 @@ pub enum Edit {
         /// Label of the point.
         label: String,
     },
+    /// Plain targets get names; another target that had one of them loses it. Bars and control points go along.
+    NameTargets {
+        /// Names by the numbers of targets.
+        names: BTreeMap<u32, String>,
+    },
+    /// A plain target gets another name, or its number again.
+    RenameTarget {
+        /// Number of the target.
+        target: u32,
+        /// The name; `None`: `M` and its number.
+        name: Option<String>,
+    },
     /// An image takes part or not.
     UseImage {
         /// The image.
@@ -203,6 +217,9 @@ pub enum EditError {
         /// The number, mm.
         found: f64,
     },
+    /// A target cannot have this name.
+    #[error(transparent)]
+    Name(#[from] NameProblem),
     /// A point with known coordinates of which none is given.
     #[error("{0}: found no coordinate, expected one at least, in mm")]
     NoCoordinate(String),
@@ -268,6 +285,8 @@ impl Edit {
             Edit::RemoveBar { name } => format!("remove scale bar '{name}'"),
             Edit::SetControl { label, .. } => format!("give {label} known coordinates"),
             Edit::RemoveControl { label } => format!("take the known coordinates of {label} away"),
+            Edit::NameTargets { names } => format!("name {} targets", names.len()),
+            Edit::RenameTarget { target, name } => names::rename_title(network, *target, name),
             Edit::UseImage {
                 image,
                 usage: ImageUse::Used,
@@ -282,7 +301,8 @@ impl Edit {
     }
 
     /// Makes the change; inputs count up, so every stage that worked on the old ones has something to do again. A frame
-    /// is no input: points and labels stay what they are, and the final adjustment alone is made again.
+    /// is no input: points and labels stay what they are, and the final adjustment alone is made again. Nor is a name:
+    /// nothing that was computed asks what a point is called.
     ///
     /// # Errors
     /// [`EditError`]; the network is unchanged then.
@@ -338,6 +358,10 @@ impl Edit {
                 role,
             } => known::set_control(network, label, *coordinates_mm, *sigmas_mm, *role)?,
             Edit::RemoveControl { label } => known::remove_control(network, label)?,
+            Edit::NameTargets { names } => return names::name_targets(network, names),
+            Edit::RenameTarget { target, name } => {
+                return names::rename_target(network, *target, name.as_deref());
+            }
             Edit::UseImage { image, usage } => {
                 if !network.images.contains_key(image) {
                     return Err(EditError::NoImage);

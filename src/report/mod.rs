@@ -14,6 +14,7 @@ mod export;
 mod file;
 #[cfg(test)]
 pub(crate) mod fixture;
+mod naming;
 mod overlay;
 mod plain_answers;
 mod plain_network;
@@ -34,6 +35,10 @@ pub use csv_text::csv_text;
 pub use detect::{DetectReport, detect_line};
 pub use export::{NoFigures, export_cameras, export_observations, export_points, export_stations};
 pub use file::{WriteError, write_file};
+pub use naming::{
+    Ambiguity, ExistingNames, Naming, NamingError, NamingSettings, ReferenceLeft, Rival,
+    TargetLeft, Way, WhyLeft, name_by_reference,
+};
 pub use overlay::overlay;
 pub use plain_answers::{
     CheckDistanceRow, CheckPointRow, DerivedRow, NoSuchPoint, PlainAnswers, Question, asks,

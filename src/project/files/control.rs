@@ -54,8 +54,10 @@ pub fn parse_control(
         let points: Vec<ControlPoint> = numbered(file, text)?
             .into_iter()
             .filter_map(|point| {
+                let label = point.label?;
+                point_of_label(&[], &label).ok()?;
                 Some(ControlPoint {
-                    label: point.label?,
+                    label,
                     coordinates_mm: point.coordinates_mm,
                     sigmas_mm: point.sigmas_mm,
                     role: ControlRole::Align,
@@ -152,18 +154,15 @@ fn numbered(file: &str, text: &str) -> Result<Vec<ReferencePoint>, FileError> {
     let mut points = Vec::new();
     for line in table.lines() {
         let (number, kind) = (line.required("number")?, line.required("kind")?);
-        let label = match kind.text.parse::<Family>() {
-            Err(_) => None,
-            Ok(family) => Some(code_label(number, family)?),
+        let name = match kind.text.parse::<Family>() {
+            Err(_) => format!("{} {}", kind.text, number.text),
+            Ok(family) => code_label(number, family)?,
         };
-        let name = label
-            .clone()
-            .unwrap_or_else(|| format!("{} {}", kind.text, number.text));
         if !seen.insert(name.clone()) {
             return Err(number.unexpected(format!("the point {name} again"), "it once"));
         }
         points.push(ReferencePoint {
-            label,
+            label: Some(name.clone()),
             name,
             coordinates_mm: coordinates(line)?,
             sigmas_mm: sigmas(line)?,
@@ -330,12 +329,11 @@ mod tests {
     }
 
     #[test]
-    fn numbered_points_have_labels_where_their_kind_is_a_code() {
+    fn numbered_points_are_called_by_their_kind() {
         let text = "number,kind,x_mm,y_mm,z_mm,remark\n2,ring14,-0.2,-0.1,-0.3,\n501,dot,1,2,3,clean\n17,dot420,1,2,3,\n";
         let points = parse_reference("p.csv", text).unwrap();
         let labels: Vec<_> = points.iter().map(|p| p.label.as_deref()).collect();
-        assert_eq!(labels, [Some("R14-2"), None, Some("C17")]);
-        assert_eq!(points[1].name, "dot 501");
+        assert_eq!(labels, [Some("R14-2"), Some("dot 501"), Some("C17")]);
         let control = parse_control("p.csv", text, &[]).unwrap();
         assert_eq!(control.len(), 2, "a plain dot is no control point");
     }

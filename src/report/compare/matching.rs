@@ -19,7 +19,7 @@ pub(super) struct Candidate {
 }
 
 /// Within what distance points of this reference are the same, mm; 0 where there are fewer than two places.
-pub(super) fn place_distance(reference: &[ReferencePoint]) -> f64 {
+pub(in crate::report) fn place_distance(reference: &[ReferencePoint]) -> f64 {
     let places: Vec<Vector3<f64>> = reference
         .iter()
         .filter_map(ReferencePoint::position)

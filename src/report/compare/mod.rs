@@ -12,10 +12,12 @@ use std::collections::BTreeSet;
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 
-use self::matching::{Candidate, by_place, place_distance};
+use self::matching::{Candidate, by_place};
 use super::export::{AdjustedPoint, NoFigures, adjusted_points, fresh_adjustment};
 use crate::geometry::{FitError, Scale, Similarity, fit_similarity};
 use crate::network::{Network, ScaleSource};
+
+pub(super) use self::matching::place_distance;
 
 /// A point with known coordinates to compare with.
 #[derive(Clone, Debug, PartialEq)]
@@ -290,7 +292,8 @@ fn by_label(
     labelled
 }
 
-fn difference(
+/// An adjusted point, moved by a fit, against its reference.
+pub(super) fn difference(
     network: &Network,
     point: &AdjustedPoint<'_>,
     known: &ReferencePoint,
@@ -321,7 +324,7 @@ fn difference(
     }
 }
 
-fn agreement(differences: &[Difference]) -> Agreement {
+pub(super) fn agreement(differences: &[Difference]) -> Agreement {
     let axis = |axis: usize| rms(differences.iter().filter_map(|d| d.axes()[axis]));
     let largest = differences
         .iter()
