@@ -395,5 +395,6 @@ fn effect(edit: Option<&Edit>, without: &'static str) -> &'static str {
         Some(Edit::UseImage { .. }) => "use the image or not",
         Some(Edit::Settings(_)) => "change settings",
         Some(Edit::Frame(_)) => "set the frame",
+        Some(Edit::NameTargets { .. } | Edit::RenameTarget { .. }) => "name targets",
     }
 }
