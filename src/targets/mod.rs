@@ -28,6 +28,9 @@
 //! noise is that of independent pixels; what counts is the signal to noise of the whole dot, as of a filter matched to it
 //! (Turin, 1960), not that of a pixel.
 //!
+//! Where a network says that a target must be, its ellipse and blur are known, and the centre of far weaker, more oblique and
+//! closer dots can be measured: [`measure_expected`].
+//!
 //! Ring codes are read by computing the picture of the whole code, blur and perspective included, from the frame that their dot's
 //! ellipse gives; the rule is to read a number rightly or to say why not.
 //!
@@ -40,6 +43,7 @@ mod dot;
 mod dot420;
 mod ellipse;
 mod exact;
+mod expected;
 mod faint;
 mod family;
 mod finding;
@@ -59,6 +63,7 @@ pub use detect::{DetectSettings, detect, detect_unless_interrupted};
 pub use detections::{CodeEvidence, CodeReading, Detections, Dot, DotIndex, Rejected};
 pub use dot::{DotSettings, SmallestDot};
 pub use dot420::{Dot420Reading, Dot420Settings, NominalCamera, read_dot420};
+pub use expected::{Expected, ExpectedSettings, ExpectedView, NotThere, measure_expected};
 pub use family::{
     DOT420_AXES, Family, UnknownFamily, dot420_number, dot420_positions, dot420_table,
     least_rotation, ring_number, ring_table,

@@ -94,8 +94,13 @@ impl Canvas {
     }
 
     pub(super) fn dot(&mut self, centre: Vector2<f64>, axes: Axes) {
+        self.dot_of(centre, axes, 1.0);
+    }
+
+    /// A dot of this lightness.
+    pub(super) fn dot_of(&mut self, centre: Vector2<f64>, axes: Axes, lightness: f32) {
         let ellipse = Ellipse::from_axes(centre, axes);
-        self.cover(centre, axes.major + 1.0, 1.0, |at| {
+        self.cover(centre, axes.major + 1.0, lightness, |at| {
             let level = ellipse.level(at);
             let gradient = (ellipse.shape * (at - centre)).norm() / level.max(1e-9);
             (0.5 + FINE as f64 * (1.0 - level) / gradient.max(1e-9)).clamp(0.0, 1.0)
