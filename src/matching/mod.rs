@@ -29,6 +29,7 @@ mod identify;
 mod intersection;
 mod limits;
 mod outcome;
+mod predictor;
 mod problem;
 mod shape;
 mod sight;
@@ -36,6 +37,7 @@ mod surface;
 mod sweep;
 
 pub use identify::identify;
+pub use predictor::Predictor;
 pub use problem::{
     Claim, Identification, IdentificationInput, IdentificationSettings, KnownCircle, KnownPoint,
     Leftover, LeftoverReason, Member, ObjectSpace, OrientationPrecision, Track, View, ViewDot,

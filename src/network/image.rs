@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::{Matrix6, SMatrix};
 use serde::{Deserialize, Serialize};
 
-use super::{CameraId, Code, PointId};
+use super::{CameraId, Code, Look, PointId};
 use crate::geometry::Pose;
 use crate::targets::{Detections, DotIndex};
 
@@ -130,6 +130,9 @@ pub struct ImageEntry {
     pub station: Option<Station>,
     /// The last orientation that failed.
     pub attempt: Option<Attempt>,
+    /// The last look for targets that it ought to show; `None` before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub look: Option<Arc<Look>>,
 }
 
 /// Projects without such dots are written as they were before there were any.
@@ -153,6 +156,7 @@ impl ImageEntry {
             rejected_dots: Arc::default(),
             station: None,
             attempt: None,
+            look: None,
         }
     }
 

@@ -14,6 +14,7 @@ mod expansion;
 mod frame;
 mod image;
 mod label;
+mod look;
 mod names;
 mod result;
 mod settings;
@@ -35,6 +36,7 @@ pub use image::{
     SET_ASIDE_BY_OPERATOR, Source, Station,
 };
 pub use label::{CodeDot, PointId, PointKind, UnknownLabel};
+pub use look::{Absence, AbsenceKind, Look};
 pub use names::NameProblem;
 pub use result::{
     AdjustedObservation, AdjustmentResult, BarResult, CameraResult, ComponentResult,

@@ -24,6 +24,9 @@ pub struct Point {
 /// One pass of identification.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct IdentificationPass {
+    /// Dots at that time that were measured where a target must be.
+    #[serde(default)]
+    pub expected_dots: u32,
     /// [`super::Network::inputs`] at that time.
     pub basis: u64,
     /// Dots that got a name in this pass.

@@ -174,6 +174,7 @@ mod tests {
                 reason: "too small".into(),
             }],
             by_hand: Vec::new(),
+            expected: Vec::new(),
         };
         let json = serde_json::to_string(&[DetectReport::new("a b.png", &detections)]).unwrap();
         assert!(json.starts_with(

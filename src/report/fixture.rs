@@ -112,6 +112,7 @@ fn image(number: u32, dots: u32) -> ImageEntry {
         }],
         rejected: Vec::new(),
         by_hand: Vec::new(),
+        expected: Vec::new(),
     }));
     image
 }

@@ -7,6 +7,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 use rayon::prelude::*;
 
 use super::code_shape::{CodeShapes, normal_of_code};
+use super::look_again::expected_dots;
 use super::set_aside::{OF_OTHER_TARGETS, codes_set_aside, set_code_aside};
 use super::{Halt, adjust, circles};
 use crate::matching::{
@@ -33,15 +34,24 @@ const LEAST_TOLERANCE_PX: f64 = 0.06;
 /// By how much of its diagonal the space of the known points is widened to hold all targets.
 const SPACE_MARGIN: f64 = 0.5;
 
-/// Whether another pass may name more dots.
+/// Whether another pass may name more dots of those that detection found.
 pub(super) fn is_unfinished(network: &Network) -> bool {
-    let done: Vec<_> = network
-        .passes
-        .iter()
-        .filter(|p| p.basis == network.inputs)
-        .collect();
+    let done = passes(network);
     let more = |pass: &&IdentificationPass| pass.labelled > 0 || adjust::leaves_images_out(network);
     done.last().is_none_or(more) && done.len() < MAX_PASSES
+}
+
+/// Whether dots were measured, where targets must be, that no adjustment knows yet.
+pub(super) fn has_new_dots(network: &Network) -> bool {
+    let done = passes(network);
+    let known = done.last().map_or(0, |pass| pass.expected_dots as usize);
+    expected_dots(network) != known
+}
+
+/// The passes on the present inputs.
+fn passes(network: &Network) -> Vec<&IdentificationPass> {
+    let passes = network.passes.iter();
+    passes.filter(|p| p.basis == network.inputs).collect()
 }
 
 /// One pass: names dots of known points and new targets, then adjusts everything.
@@ -59,6 +69,8 @@ pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> 
         .map_or(0.0, |a| a.sigma_station_mm);
     let space = ObjectSpace::around(known.iter().map(|k| &k.position), SPACE_MARGIN);
     let offered: usize = views.iter().map(|v| v.dots.len()).sum();
+    let expected = expected_dots(network);
+    let new_dots = has_new_dots(network);
     let mut labelled = 0;
     let mut new_points = 0;
     if let Some(space) = space {
@@ -85,11 +97,12 @@ pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> 
         .give(network, &found);
         new_points = network.points.len() - before;
     }
-    if labelled > 0 || adjust::leaves_images_out(network) {
+    if labelled > 0 || new_dots || adjust::leaves_images_out(network) {
         adjust::adjust(network, Stage::Identify, monitor)?;
     }
     let pass = IdentificationPass {
         basis: network.inputs,
+        expected_dots: expected as u32,
         labelled: labelled as u32,
         remaining: offered.saturating_sub(labelled) as u32,
         points: new_points as u32,
@@ -178,7 +191,7 @@ impl Scene {
 }
 
 /// Covariance of an orientation with its camera, where the last adjustment told it.
-fn precision(
+pub(super) fn precision(
     network: &Network,
     camera: CameraId,
     station: &Station,

@@ -31,6 +31,7 @@ mod frame_tests;
 mod gross;
 mod identify;
 mod lens;
+mod look_again;
 mod new_camera;
 mod pair;
 mod resection;
@@ -79,6 +80,8 @@ pub enum Step {
     AdjustCodes,
     /// One pass of identification.
     Identify,
+    /// Look in these images for targets that they ought to show.
+    LookAgain(Vec<ImageId>),
     /// The final adjustment.
     Adjust,
 }
@@ -176,7 +179,9 @@ impl Stage {
             Stage::AdjustCodes => connect::again(network).map(Step::Connect),
             Stage::Identify => connect::again(network)
                 .map(Step::Connect)
-                .or_else(|| identify::is_unfinished(network).then_some(Step::Identify)),
+                .or_else(|| identify::is_unfinished(network).then_some(Step::Identify))
+                .or_else(|| look_again::next(network))
+                .or_else(|| identify::has_new_dots(network).then_some(Step::Identify)),
             Stage::Adjust => adjust::is_outdated(network, Stage::Adjust).then_some(Step::Adjust),
         }
     }
@@ -266,6 +271,9 @@ impl Step {
             Step::Block(images) => format!("orient {} images by themselves", images.len()),
             Step::AdjustCodes => "adjust the codes".into(),
             Step::Identify => "identify plain targets".into(),
+            Step::LookAgain(images) => {
+                format!("look for missing targets in {} images", images.len())
+            }
             Step::Adjust => "adjust everything".into(),
         }
     }
@@ -288,6 +296,9 @@ impl Step {
             Step::Block(images) => network = blocks::run(network, images, monitor)?,
             Step::AdjustCodes => adjust::run(&mut network, Stage::AdjustCodes, monitor)?,
             Step::Identify => identify::run(&mut network, monitor)?,
+            Step::LookAgain(images) => {
+                return look_again::run(network, images, pictures, monitor);
+            }
             Step::Adjust => adjust::run(&mut network, Stage::Adjust, monitor)?,
         }
         Ok(Advance::complete(network))

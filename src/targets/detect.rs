@@ -130,6 +130,7 @@ pub fn detect_unless_interrupted(
         codes,
         rejected,
         by_hand: Vec::new(),
+        expected: Vec::new(),
     })
 }
 

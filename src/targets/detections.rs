@@ -101,4 +101,7 @@ pub struct Detections {
     /// Dots that the operator measured by hand; they stand behind the detected ones.
     #[serde(default)]
     pub by_hand: Vec<DotIndex>,
+    /// Dots that were measured where the network said that a target must be; they too stand behind the detected ones.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub expected: Vec<DotIndex>,
 }

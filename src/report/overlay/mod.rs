@@ -348,6 +348,7 @@ mod tests {
                 reason: "no ellipse can be fitted".into(),
             }],
             by_hand: Vec::new(),
+            expected: Vec::new(),
         };
         let image = picture(900, 600);
         let drawn = overlay(&image, &detections);

@@ -136,6 +136,7 @@ fn network(images: u32, mut next: impl FnMut() -> f64) -> Network {
     }]);
     n.connection_order = Arc::new(n.images.keys().rev().copied().collect());
     n.passes = Arc::new(vec![IdentificationPass {
+        expected_dots: 4,
         basis: u64::MAX,
         labelled: 1,
         remaining: 2,
@@ -181,6 +182,7 @@ fn image(id: u32, next: &mut impl FnMut() -> f64) -> ImageEntry {
     });
     let detections = Detections {
         by_hand: Vec::new(),
+        expected: vec![DotIndex(0)],
         width_px: 4000,
         height_px: 3000,
         dots: dots.collect(),

@@ -1,0 +1,459 @@
+//! Second chances: with the network known, every image is looked at again where a target must be.
+//!
+//! The place, its covariance and the ellipse of the dot's image are predicted from the point, its circle, the image's orientation and
+//! the camera, with their covariances. A dot too weak, too oblique or too near to a neighbour for detection is measured there, and
+//! accepted only by its tests; what is not measured is written down with its reason, so that no target is missing without one.
+//!
+//! Cost: a measurement for each target that an image ought to show and does not; a picture read for each image that has any.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use nalgebra::{Matrix2, Matrix3, SymmetricEigen, Vector3};
+use rayon::prelude::*;
+
+use super::identify::precision;
+use super::{Advance, Halt, Pictures, Step};
+use crate::camera::Camera;
+use crate::geometry::{Circle, Pose};
+use crate::imaging::GreyImage;
+use crate::matching::{Predictor, View};
+use crate::monitor::Monitor;
+use crate::network::{
+    Absence, AbsenceKind, ImageEntry, ImageId, Label, Look, Network, PointId, Source, Station,
+};
+use crate::targets::{
+    Detections, Dot, DotIndex, Expected, ExpectedSettings, ExpectedView, NotThere, measure_expected,
+};
+
+/// Images of one step; the same whatever the cores.
+const BATCH: usize = 16;
+/// A target at a greater angle of incidence, as a cosine (80 degrees), is not looked for.
+const LEAST_COSINE: f64 = 0.17;
+/// A target whose normal nobody knows is looked for within this angle (60 degrees, as a cosine) of an image that shows it.
+const LEAST_COSINE_BETWEEN: f64 = 0.5;
+/// A place that is predicted less exactly is not looked at, px: any dot might be the one.
+const VAGUEST_PX: f64 = 1.5;
+/// Two dots of a picture are one where their centres are nearer than this share of the larger diameter.
+const SAME_DOT: f64 = 0.5;
+
+/// The images of the next step: the first ones that nobody looked at since the inputs changed.
+pub(super) fn next(network: &Network) -> Option<Step> {
+    network.adjustment.as_ref()?;
+    let batch: Vec<ImageId> = network
+        .oriented_images()
+        .filter(|(_, image, _)| image.detections.is_some())
+        .filter(|(_, image, _)| {
+            image
+                .look
+                .as_ref()
+                .is_none_or(|l| l.basis != network.inputs)
+        })
+        .map(|(id, ..)| id)
+        .take(BATCH)
+        .collect();
+    (!batch.is_empty()).then_some(Step::LookAgain(batch))
+}
+
+/// Dots of all images that were measured where a target must be.
+pub(super) fn expected_dots(network: &Network) -> usize {
+    let images = network.images.values();
+    images
+        .filter_map(|image| image.detections.as_ref())
+        .map(|detections| detections.expected.len())
+        .sum()
+}
+
+/// Looks at a batch of images; an interrupt keeps those that were finished.
+pub(super) fn run(
+    mut network: Network,
+    images: &[ImageId],
+    pictures: &dyn Pictures,
+    monitor: &Monitor,
+) -> Result<Advance, Halt> {
+    let task = monitor.task("looking for missing targets", images.len() as u64);
+    let targets = targets(&network);
+    let looked: Vec<Option<Looked>> = images
+        .par_iter()
+        .map(|id| {
+            task.step().ok()?;
+            look_at(&network, *id, &targets, pictures, monitor)
+        })
+        .collect();
+    let complete = looked.iter().all(Option::is_some);
+    if !complete && looked.iter().all(Option::is_none) {
+        return Err(Halt::Interrupted);
+    }
+    for (id, looked) in images.iter().zip(looked) {
+        if let Some(looked) = looked {
+            looked.put_into(network.image_mut(*id));
+        }
+    }
+    Ok(Advance { network, complete })
+}
+
+/// A point that images ought to show.
+struct Target {
+    id: PointId,
+    place: Vector3<f64>,
+    covariance: Matrix3<f64>,
+    /// Its edge, the normal on the side from which it is seen.
+    circle: Option<Circle>,
+    /// Unit vectors to the stations that see it.
+    seen_from: Vec<Vector3<f64>>,
+}
+
+/// All points whose place is known well enough.
+fn targets(network: &Network) -> Vec<Target> {
+    let mut seen: BTreeMap<PointId, Vec<Vector3<f64>>> = BTreeMap::new();
+    for (_, image, station) in network.oriented_images() {
+        for (_, label) in image.used_labels() {
+            if let Some(point) = network.points.get(&label.point) {
+                let towards = station.pose.centre_in_world - point.position;
+                seen.entry(label.point)
+                    .or_default()
+                    .push(towards.normalize());
+            }
+        }
+    }
+    let needed = network.settings.min_rays.max(3);
+    let points = network.points.iter();
+    points
+        .filter(|(_, point)| point.rays >= needed)
+        .filter_map(|(&id, point)| {
+            let seen_from = seen.remove(&id)?;
+            let side: Vector3<f64> = seen_from.iter().sum();
+            let circle = point.circle.map(|circle| Circle {
+                normal: if circle.normal.dot(&side) < 0.0 {
+                    -circle.normal
+                } else {
+                    circle.normal
+                },
+                ..circle
+            });
+            Some(Target {
+                id,
+                place: point.position,
+                covariance: point.covariance?,
+                circle,
+                seen_from,
+            })
+        })
+        .collect()
+}
+
+/// What a look brought.
+struct Looked {
+    look: Look,
+    found: Vec<(PointId, Dot)>,
+}
+
+impl Looked {
+    fn put_into(self, image: &mut ImageEntry) {
+        if !self.found.is_empty()
+            && let Some(detections) = &mut image.detections
+        {
+            let detections: &mut Detections = Arc::make_mut(detections);
+            let labels = Arc::make_mut(&mut image.labels);
+            for (point, dot) in self.found {
+                let index = DotIndex(detections.dots.len() as u32);
+                detections.dots.push(dot);
+                detections.expected.push(index);
+                let label = Label {
+                    point,
+                    source: Source::Automatic,
+                    rejected: None,
+                };
+                labels.insert(index, label);
+            }
+        }
+        image.look = Some(Arc::new(self.look));
+    }
+}
+
+/// An image as its missing targets are predicted in it.
+struct Sight<'a> {
+    camera: &'a Camera,
+    pose: &'a Pose,
+    predictor: Predictor,
+    dots: &'a [Dot],
+    image: &'a ImageEntry,
+}
+
+/// Looks at one image; `None` where the work was stopped.
+fn look_at(
+    network: &Network,
+    id: ImageId,
+    targets: &[Target],
+    pictures: &dyn Pictures,
+    monitor: &Monitor,
+) -> Option<Looked> {
+    let image = &network.images[&id];
+    let mut looked = Looked {
+        look: Look {
+            basis: network.inputs,
+            ..Look::default()
+        },
+        found: Vec::new(),
+    };
+    let (Some(station), Some(detections)) = (&image.station, &image.detections) else {
+        return Some(looked);
+    };
+    let sight = Sight::of(network, image, station, detections);
+    let named: BTreeSet<PointId> = image.labels.values().map(|label| label.point).collect();
+    let mut wanted = Vec::new();
+    for target in targets.iter().filter(|target| !named.contains(&target.id)) {
+        match sight.expected(target) {
+            Some(Ok(expected)) => wanted.push((target, expected)),
+            Some(Err(absence)) => {
+                looked.look.absent.insert(target.id, absence);
+            }
+            None => {}
+        }
+    }
+    if wanted.is_empty() {
+        return Some(looked);
+    }
+    let picture = match pictures.load(image, monitor) {
+        Ok(picture) => picture,
+        Err(_) if monitor.is_interrupted() => return None,
+        Err(reason) => {
+            looked.look.unreadable = Some(reason);
+            return Some(looked);
+        }
+    };
+    sight.measure(network, &picture, &wanted, &mut looked);
+    Some(looked)
+}
+
+impl<'a> Sight<'a> {
+    fn of(
+        network: &'a Network,
+        image: &'a ImageEntry,
+        station: &'a Station,
+        detections: &'a Detections,
+    ) -> Self {
+        let camera = &network.camera_of(image).camera;
+        let view = View {
+            camera: camera.clone(),
+            pose: station.pose,
+            precision: precision(network, image.camera, station),
+            dots: Vec::new(),
+        };
+        Self {
+            camera,
+            pose: &station.pose,
+            predictor: Predictor::new(&view),
+            dots: &detections.dots,
+            image,
+        }
+    }
+
+    /// What the image ought to show of a target; an error where it cannot be looked for, `None` where the image does not show that side or
+    /// place of the object.
+    fn expected(&self, target: &Target) -> Option<Result<Expected, Absence>> {
+        let towards = (self.pose.centre_in_world - target.place).normalize();
+        let cosine = match &target.circle {
+            Some(circle) => circle.normal.dot(&towards),
+            None => {
+                let seen = target.seen_from.iter().map(|other| other.dot(&towards));
+                let nearest = seen.fold(-1.0, f64::max);
+                if nearest > LEAST_COSINE_BETWEEN {
+                    1.0
+                } else {
+                    0.0
+                }
+            }
+        };
+        if cosine <= 0.0 {
+            return None;
+        }
+        let circle = target.circle.as_ref();
+        let place_px = self
+            .camera
+            .image_of_target(self.pose, &target.place, circle)?;
+        if !self.camera.contains(&place_px) {
+            return None;
+        }
+        let absent = |kind, reason| {
+            Some(Err(Absence {
+                place_px,
+                kind,
+                reason,
+            }))
+        };
+        if cosine < LEAST_COSINE {
+            let incidence = cosine.acos().to_degrees();
+            return absent(
+                AbsenceKind::Oblique,
+                format!("seen at {incidence:.0} degrees, too obliquely"),
+            );
+        }
+        let covariance_px2 = self
+            .predictor
+            .covariance(&target.place, &target.covariance)?;
+        let sigma = (covariance_px2.trace() / 2.0).sqrt();
+        if sigma > VAGUEST_PX {
+            return absent(
+                AbsenceKind::Vague,
+                format!("its place is known to {sigma:.1} px only"),
+            );
+        }
+        let [major_px, minor_px, angle] = self.ellipse(target, &towards)?;
+        Some(Ok(Expected {
+            centre_px: place_px,
+            covariance_px2,
+            major_px,
+            minor_px,
+            angle,
+            blur_px: None,
+            contrast: None,
+        }))
+    }
+
+    /// Full diameters and direction of a target's image; one without a circle is as its neighbours in the picture.
+    fn ellipse(&self, target: &Target, towards: &Vector3<f64>) -> Option<[f64; 3]> {
+        let circle = target.circle.or_else(|| {
+            let nearest = self.nearest_named(target)?;
+            Some(Circle {
+                normal: *towards,
+                radius_mm: nearest,
+            })
+        })?;
+        let in_camera = self.pose.camera_from_point(&target.place);
+        let projection = self.camera.project_with_jacobians(&in_camera)?;
+        let by_point = projection.by_point * self.pose.camera_from_world.matrix();
+        let flat = Matrix3::identity() - circle.normal * circle.normal.transpose();
+        let squared: Matrix2<f64> =
+            by_point * flat * by_point.transpose() * (2.0 * circle.radius_mm).powi(2);
+        let ellipse = SymmetricEigen::new(squared);
+        let (large, small) = (ellipse.eigenvalues.imax(), ellipse.eigenvalues.imin());
+        let along = ellipse.eigenvectors.column(large);
+        Some([
+            ellipse.eigenvalues[large].max(0.0).sqrt(),
+            ellipse.eigenvalues[small].max(0.0).sqrt(),
+            along[1].atan2(along[0]).rem_euclid(std::f64::consts::PI),
+        ])
+    }
+
+    /// Half diameter in space of the dot nearest to where the target is imaged, mm.
+    fn nearest_named(&self, target: &Target) -> Option<f64> {
+        let place = self
+            .camera
+            .image_of_target(self.pose, &target.place, None)?;
+        let distance = |dot: &Dot| (dot.centre_px - place).norm_squared();
+        let nearest = self
+            .dots
+            .iter()
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
+        let away = (self.pose.centre_in_world - target.place).norm();
+        let focal_px = self.camera.interior.principal_distance / self.camera.pixel_pitch_mm;
+        Some(0.5 * nearest.major_px * away / focal_px)
+    }
+
+    /// The dot that is there already, where one is.
+    fn dot_at(&self, expected: &Expected) -> Option<(DotIndex, f64)> {
+        let slots = self.dots.iter().enumerate();
+        slots
+            .map(|(slot, dot)| (slot, (dot.centre_px - expected.centre_px).norm()))
+            .filter(|(slot, distance)| {
+                *distance < SAME_DOT * expected.major_px.max(self.dots[*slot].major_px)
+            })
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .map(|(slot, distance)| (DotIndex(slot as u32), distance))
+    }
+
+    fn measure(
+        &self,
+        network: &Network,
+        picture: &GreyImage,
+        wanted: &[(&Target, Expected)],
+        looked: &mut Looked,
+    ) {
+        let view = ExpectedView::new(picture, self.dots);
+        let settings = ExpectedSettings::default();
+        for (target, expected) in wanted {
+            let absent = |kind, reason| Absence {
+                place_px: expected.centre_px,
+                kind,
+                reason,
+            };
+            if let Some((dot, distance)) = self.dot_at(expected) {
+                let (kind, reason) = self.words_of_dot(network, dot, distance);
+                looked.look.absent.insert(target.id, absent(kind, reason));
+                continue;
+            }
+            match measure_expected(&view, expected, &settings) {
+                Ok(dot) => looked.found.push((target.id, dot)),
+                Err(reason) => {
+                    let kind = kind_of(&reason);
+                    let absence = absent(kind, reason.to_string());
+                    looked.look.absent.insert(target.id, absence);
+                }
+            }
+        }
+        self.refuse_twins(network, looked);
+    }
+
+    /// Two targets cannot both be the dot at one place.
+    fn refuse_twins(&self, network: &Network, looked: &mut Looked) {
+        let found = std::mem::take(&mut looked.found);
+        let near = |a: &Dot, b: &Dot| {
+            (a.centre_px - b.centre_px).norm() < SAME_DOT * a.major_px.max(b.major_px)
+        };
+        for (index, (point, dot)) in found.iter().enumerate() {
+            let mut others = found.iter().enumerate();
+            let twin = others.find(|(other, (_, b))| *other != index && near(dot, b));
+            match twin {
+                None => looked.found.push((*point, dot.clone())),
+                Some((_, (other, _))) => {
+                    let absence = Absence {
+                        place_px: dot.centre_px,
+                        kind: AbsenceKind::Merged,
+                        reason: format!("one dot there for it and for {}", network.label(*other)),
+                    };
+                    looked.look.absent.insert(*point, absence);
+                }
+            }
+        }
+    }
+
+    /// What a dot that is there already is, in words.
+    fn words_of_dot(
+        &self,
+        network: &Network,
+        dot: DotIndex,
+        distance_px: f64,
+    ) -> (AbsenceKind, String) {
+        if let Some(label) = self.image.labels.get(&dot) {
+            let label = network.label(label.point);
+            let text = format!("the dot there, {distance_px:.2} px off, is {label}");
+            return (AbsenceKind::Merged, text);
+        }
+        let reasons = [&self.image.rejected_dots, &self.image.unlabelled];
+        let reason = reasons.iter().find_map(|reasons| reasons.get(&dot));
+        let text = match reason {
+            Some(reason) => {
+                format!("the dot there, {distance_px:.2} px off, has no name: {reason}")
+            }
+            None => format!("the dot there, {distance_px:.2} px off, has no name"),
+        };
+        (AbsenceKind::Ambiguous, text)
+    }
+}
+
+fn kind_of(reason: &NotThere) -> AbsenceKind {
+    match reason {
+        NotThere::Outside { .. } | NotThere::CutOffAtBorder => AbsenceKind::Border,
+        NotThere::InShadowOf { .. } | NotThere::Touched => AbsenceKind::Merged,
+        NotThere::Saturated { .. } | NotThere::Uneven { .. } => AbsenceKind::Glare,
+        NotThere::Covered { .. } => AbsenceKind::Covered,
+        NotThere::TooWeak { .. } | NotThere::TooUncertain { .. } => AbsenceKind::Weak,
+        NotThere::Unpredicted => AbsenceKind::Vague,
+        NotThere::TooLarge { .. }
+        | NotThere::Unfitted
+        | NotThere::NotRound { .. }
+        | NotThere::OtherShape { .. } => AbsenceKind::Shape,
+        NotThere::Elsewhere { .. } => AbsenceKind::Elsewhere,
+    }
+}
