@@ -4,9 +4,10 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::intersection::{Intersection, intersect, meet, prediction_misfit};
 use super::limits::Limits;
-use super::problem::{IdentificationSettings, Member};
+use super::problem::{IdentificationSettings, Member, Pair};
 use super::shape::{Disc, ShapeNoise, largest};
 use super::sight::{Sight, Sighting};
+use super::surface::Surface;
 
 /// Widest search for a further dot, px: a pair that predicts worse says nothing about a view yet.
 const WIDEST_SEARCH_PX: f64 = 40.0;
@@ -190,6 +191,35 @@ impl Bench<'_> {
             rival: found.next(),
             pairs,
         }
+    }
+
+    /// Pairs with dots of the first `most_partners` partner views that meet on the surface of the accepted targets.
+    pub(super) fn pairs_on_surface(
+        &self,
+        seed: Member,
+        surface: &Surface,
+        most_partners: usize,
+    ) -> Vec<Pair> {
+        let mut pairs = Vec::new();
+        for &view in self.partners[seed.view].iter().take(most_partners) {
+            for dot in self.epipolar_candidates(seed, view) {
+                let members = [seed, Member { view, dot }];
+                let met = self.pair_point(members[0], members[1]);
+                let met = met.and_then(|point| intersect(self.sights, &members, &point));
+                let Some(fit) = met.filter(|fit| fit.chi_square <= self.limits.whole(1)) else {
+                    continue;
+                };
+                let share = surface.share(&fit.point, &fit.covariance);
+                if share < 1.0 {
+                    pairs.push(Pair {
+                        members,
+                        position: fit.point,
+                        covariance: fit.covariance,
+                    });
+                }
+            }
+        }
+        pairs
     }
 
     /// Free dots of `view` near the epipolar line of `seed`, within the object's depth.

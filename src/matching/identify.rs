@@ -297,10 +297,7 @@ impl<'a> Pass<'a> {
             rays.then(a.1.variance_factor.total_cmp(&b.1.variance_factor))
                 .then(a.0.cmp(&b.0))
         });
-        let points: Vec<Vector3<f64>> = self.drafts.iter().map(|d| d.point).collect();
-        let size = self.input.space.max - self.input.space.min;
-        // The space is wider than the object by its margin on both sides.
-        let surface = Surface::of(&points, size.min());
+        let surface = self.surface();
         let mut accepted = Vec::new();
         let mut free = self.free.clone();
         for (seed, hypothesis) in order {
@@ -313,6 +310,13 @@ impl<'a> Pass<'a> {
         }
         self.free = free;
         self.drafts.extend(accepted);
+    }
+
+    /// The surface on which the accepted targets and the known points lie.
+    pub(super) fn surface(&self) -> Surface {
+        let points: Vec<Vector3<f64>> = self.drafts.iter().map(|d| d.point).collect();
+        let size = self.input.space.max - self.input.space.min;
+        Surface::of(&points, size.min())
     }
 
     /// The part of a hypothesis whose dots call it their own best, if that part stands all tests.

@@ -40,7 +40,8 @@ pub use identify::identify;
 pub use predictor::Predictor;
 pub use problem::{
     Claim, Identification, IdentificationInput, IdentificationSettings, KnownCircle, KnownPoint,
-    Leftover, LeftoverReason, Member, ObjectSpace, OrientationPrecision, Track, View, ViewDot,
+    Leftover, LeftoverReason, Member, ObjectSpace, OrientationPrecision, Pair, Track, View,
+    ViewDot,
 };
 
 #[cfg(test)]

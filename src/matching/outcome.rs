@@ -8,7 +8,9 @@ use rayon::prelude::*;
 use super::drafts::Draft;
 use super::identify::Pass;
 use super::intersection::{Intersection, intersect, prediction_misfit};
-use super::problem::{Claim, Identification, KnownCircle, Leftover, LeftoverReason, Member, Track};
+use super::problem::{
+    Claim, Identification, KnownCircle, Leftover, LeftoverReason, Member, Pair, Track,
+};
 
 impl Pass<'_> {
     pub(super) fn finish(self) -> Identification {
@@ -28,6 +30,7 @@ impl Pass<'_> {
             })
             .collect();
         result.leftover = leftover.into_iter().flatten().collect();
+        result.pairs = self.pairs_left();
         for draft in &self.drafts {
             if let Some(known) = draft.known {
                 result
@@ -44,6 +47,33 @@ impl Pass<'_> {
         result.claims.sort_by_key(|c| (c.member, c.known));
         result.tracks.sort_by(|a, b| a.members.cmp(&b.members));
         result
+    }
+
+    /// Pairs of free dots on the surface that the accepted targets show. A dot of which there are many tells nothing.
+    fn pairs_left(&self) -> Vec<Pair> {
+        /// Partner views that are asked.
+        const PARTNERS: usize = 10;
+        /// Most pairs of a dot that are told.
+        const MOST: usize = 4;
+        let surface = self.surface();
+        let bench = self.bench();
+        let of_dot = |seed: &Member| {
+            let pairs = bench.pairs_on_surface(*seed, &surface, PARTNERS);
+            if pairs.len() > MOST {
+                Vec::new()
+            } else {
+                pairs
+            }
+        };
+        let seeds = self.free_dots();
+        let found: Vec<Vec<Pair>> = seeds.par_iter().map(of_dot).collect();
+        let mut pairs: Vec<Pair> = found.into_iter().flatten().collect();
+        for pair in &mut pairs {
+            pair.members.sort_unstable();
+        }
+        pairs.sort_by_key(|pair| pair.members);
+        pairs.dedup_by_key(|pair| pair.members);
+        pairs
     }
 
     fn distance_px(&self, draft: &Draft, member: Member) -> f64 {

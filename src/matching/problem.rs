@@ -234,6 +234,17 @@ pub struct Track {
     pub circle: Option<KnownCircle>,
 }
 
+/// Two dots that meet on the surface of the accepted targets: a target perhaps, which a third image must confirm.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pair {
+    /// The dots.
+    pub members: [Member; 2],
+    /// Where their rays meet, mm.
+    pub position: Vector3<f64>,
+    /// Covariance of the place, mm^2.
+    pub covariance: Matrix3<f64>,
+}
+
 /// A dot of a point that exists already.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Claim {
@@ -296,6 +307,8 @@ pub struct Identification {
     pub claims: Vec<Claim>,
     /// All other dots, by dot.
     pub leftover: Vec<Leftover>,
+    /// Pairs of these dots that may be targets, each once.
+    pub pairs: Vec<Pair>,
     /// Standard error of a ray's coordinate in each view, px, that neither its dot nor the precision of the orientation explains: from
     /// the residuals.
     pub unexplained_px: Vec<f64>,

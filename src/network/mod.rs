@@ -40,7 +40,7 @@ pub use look::{Absence, AbsenceKind, Look};
 pub use names::NameProblem;
 pub use result::{
     AdjustedObservation, AdjustmentResult, BarResult, CameraResult, ComponentResult,
-    IdentificationPass, Point, ScaleSource, Standing,
+    IdentificationPass, Point, ScaleSource, Standing, Tentative,
 };
 pub use settings::{DevicePose, DotFamily, GrossErrors, MeasurementSettings, TargetSizes};
 pub use stage::{About, Conclusion, Finding, FindingKind, Outcome, Stage};
@@ -142,6 +142,9 @@ pub struct Network {
     pub connection_order: Arc<Vec<ImageId>>,
     /// The passes of identification since the last change of inputs.
     pub passes: Arc<Vec<IdentificationPass>>,
+    /// What the last pass left as perhaps a target.
+    #[serde(default)]
+    pub tentative: Arc<Vec<Tentative>>,
     /// Which stages are done, and on what basis.
     pub conclusions: BTreeMap<Stage, Conclusion>,
     /// What the stages noticed.

@@ -39,6 +39,17 @@ pub struct IdentificationPass {
     pub sigma_station_mm: f64,
 }
 
+/// Two dots that may show a target, which a third image must confirm.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tentative {
+    /// Where their rays meet, mm.
+    pub position: Vector3<f64>,
+    /// Covariance of the place, mm^2.
+    pub covariance: Matrix3<f64>,
+    /// The dots.
+    pub dots: [(ImageId, DotIndex); 2],
+}
+
 /// Whether an observation takes part in the adjustment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]

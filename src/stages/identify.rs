@@ -17,7 +17,7 @@ use crate::matching::{
 use crate::monitor::Monitor;
 use crate::network::{
     AdjustmentResult, CameraId, Finding, IdentificationPass, ImageEntry, ImageId, Label, Network,
-    Point, PointId, ScaleSource, Source, Stage, Station,
+    Point, PointId, ScaleSource, Source, Stage, Station, Tentative,
 };
 use crate::targets::{DotIndex, Family};
 
@@ -359,6 +359,14 @@ impl Names<'_> {
             }
         }
         self.explain(network, &found.leftover);
+        let tentative = found.pairs.iter().map(|pair| Tentative {
+            position: pair.position,
+            covariance: pair.covariance,
+            dots: pair
+                .members
+                .map(|m| (self.images[m.view], self.views[m.view].dots[m.dot])),
+        });
+        network.tentative = Arc::new(tentative.collect());
         labelled
     }
 

@@ -14,6 +14,7 @@ use rayon::prelude::*;
 
 use super::identify::precision;
 use super::{Advance, Halt, Pictures, Step};
+use crate::adjustment::{EllipseSight, MeasuredEllipse, estimate_circle};
 use crate::camera::Camera;
 use crate::geometry::{Circle, Pose};
 use crate::imaging::GreyImage;
@@ -21,6 +22,7 @@ use crate::matching::{Predictor, View};
 use crate::monitor::Monitor;
 use crate::network::{
     Absence, AbsenceKind, ImageEntry, ImageId, Label, Look, Network, PointId, Source, Station,
+    Tentative,
 };
 use crate::targets::{
     Detections, Dot, DotIndex, Expected, ExpectedSettings, ExpectedView, NotThere, measure_expected,
@@ -94,7 +96,8 @@ pub(super) fn run(
 
 /// A point that images ought to show.
 struct Target {
-    id: PointId,
+    /// `None`: two dots may show it, and a third image must confirm it.
+    id: Option<PointId>,
     place: Vector3<f64>,
     covariance: Matrix3<f64>,
     /// Its edge, the normal on the side from which it is seen.
@@ -118,7 +121,7 @@ fn targets(network: &Network) -> Vec<Target> {
     }
     let needed = network.settings.min_rays.max(3);
     let points = network.points.iter();
-    points
+    let known = points
         .filter(|(_, point)| point.rays >= needed)
         .filter_map(|(&id, point)| {
             let seen_from = seen.remove(&id)?;
@@ -132,23 +135,80 @@ fn targets(network: &Network) -> Vec<Target> {
                 ..circle
             });
             Some(Target {
-                id,
+                id: Some(id),
                 place: point.position,
                 covariance: point.covariance?,
                 circle,
                 seen_from,
             })
+        });
+    let tentative = network.tentative.iter().filter_map(|pair| {
+        let towards = |(image, dot): &(ImageId, DotIndex)| {
+            let image = network.images.get(image)?;
+            let nameless = !image.labels.contains_key(dot);
+            let station = image.station.as_ref().filter(|_| nameless)?;
+            Some((station.pose.centre_in_world - pair.position).normalize())
+        };
+        Some(Target {
+            id: None,
+            place: pair.position,
+            covariance: pair.covariance,
+            circle: circle_of_pair(network, pair),
+            seen_from: pair.dots.iter().map(towards).collect::<Option<_>>()?,
         })
-        .collect()
+    });
+    known.chain(tentative).collect()
+}
+
+/// The circle on which the ellipses of a pair agree.
+fn circle_of_pair(network: &Network, pair: &Tentative) -> Option<Circle> {
+    let sights = pair.dots.iter().filter_map(|(image, dot)| {
+        let image = network.images.get(image)?;
+        let dot = &image.detections.as_ref()?.dots.get(dot.slot())?;
+        let ellipse = MeasuredEllipse {
+            major_px: dot.major_px,
+            minor_px: dot.minor_px,
+            angle: dot.angle,
+            sigma_px: dot.sigma_px,
+        };
+        let camera = &network.camera_of(image).camera;
+        EllipseSight::new(
+            camera,
+            &image.station.as_ref()?.pose,
+            &pair.position,
+            &ellipse,
+        )
+    });
+    let sights: Vec<EllipseSight> = sights.collect();
+    let circle = estimate_circle(&sights)?.circle;
+    let centres = pair.dots.iter().filter_map(|(image, _)| {
+        let station = network.images.get(image)?.station.as_ref()?;
+        Some(station.pose.centre_in_world - pair.position)
+    });
+    let side: Vector3<f64> = centres.sum();
+    let normal = if circle.normal.dot(&side) < 0.0 {
+        -circle.normal
+    } else {
+        circle.normal
+    };
+    Some(Circle { normal, ..circle })
 }
 
 /// What a look brought.
 struct Looked {
     look: Look,
-    found: Vec<(PointId, Dot)>,
+    /// Dots with their points; those of tentative targets have none yet.
+    found: Vec<(Option<PointId>, Dot)>,
 }
 
 impl Looked {
+    /// Writes down why a target is not there; of a tentative one nobody expects it.
+    fn note(&mut self, target: &Target, absence: Absence) {
+        if let Some(id) = target.id {
+            self.look.absent.insert(id, absence);
+        }
+    }
+
     fn put_into(self, image: &mut ImageEntry) {
         if !self.found.is_empty()
             && let Some(detections) = &mut image.detections
@@ -159,12 +219,14 @@ impl Looked {
                 let index = DotIndex(detections.dots.len() as u32);
                 detections.dots.push(dot);
                 detections.expected.push(index);
-                let label = Label {
-                    point,
-                    source: Source::Automatic,
-                    rejected: None,
-                };
-                labels.insert(index, label);
+                if let Some(point) = point {
+                    let label = Label {
+                        point,
+                        source: Source::Automatic,
+                        rejected: None,
+                    };
+                    labels.insert(index, label);
+                }
             }
         }
         image.look = Some(Arc::new(self.look));
@@ -202,12 +264,11 @@ fn look_at(
     let sight = Sight::of(network, image, station, detections);
     let named: BTreeSet<PointId> = image.labels.values().map(|label| label.point).collect();
     let mut wanted = Vec::new();
-    for target in targets.iter().filter(|target| !named.contains(&target.id)) {
+    let missing = |target: &&Target| target.id.is_none_or(|id| !named.contains(&id));
+    for target in targets.iter().filter(missing) {
         match sight.expected(target) {
             Some(Ok(expected)) => wanted.push((target, expected)),
-            Some(Err(absence)) => {
-                looked.look.absent.insert(target.id, absence);
-            }
+            Some(Err(absence)) => looked.note(target, absence),
             None => {}
         }
     }
@@ -380,33 +441,38 @@ impl<'a> Sight<'a> {
             };
             if let Some((dot, distance)) = self.dot_at(expected) {
                 let (kind, reason) = self.words_of_dot(network, dot, distance);
-                looked.look.absent.insert(target.id, absent(kind, reason));
+                looked.note(target, absent(kind, reason));
                 continue;
             }
             match measure_expected(&view, expected, &settings) {
                 Ok(dot) => looked.found.push((target.id, dot)),
                 Err(reason) => {
                     let kind = kind_of(&reason);
-                    let absence = absent(kind, reason.to_string());
-                    looked.look.absent.insert(target.id, absence);
+                    looked.note(target, absent(kind, reason.to_string()));
                 }
             }
         }
         self.refuse_twins(network, looked);
     }
 
-    /// Two targets cannot both be the dot at one place.
+    /// Two targets cannot both be the dot at one place; a tentative one gives way.
     fn refuse_twins(&self, network: &Network, looked: &mut Looked) {
         let found = std::mem::take(&mut looked.found);
         let near = |a: &Dot, b: &Dot| {
             (a.centre_px - b.centre_px).norm() < SAME_DOT * a.major_px.max(b.major_px)
         };
         for (index, (point, dot)) in found.iter().enumerate() {
-            let mut others = found.iter().enumerate();
-            let twin = others.find(|(other, (_, b))| *other != index && near(dot, b));
-            match twin {
-                None => looked.found.push((*point, dot.clone())),
-                Some((_, (other, _))) => {
+            let twin = found.iter().enumerate().find(|(other, (rival, b))| {
+                let counts = match (point, rival) {
+                    (Some(_), None) => false,
+                    (None, None) => *other < index,
+                    _ => *other != index,
+                };
+                counts && near(dot, b)
+            });
+            match (twin, point) {
+                (None, _) => looked.found.push((*point, dot.clone())),
+                (Some((_, (Some(other), _))), Some(point)) => {
                     let absence = Absence {
                         place_px: dot.centre_px,
                         kind: AbsenceKind::Merged,
@@ -414,6 +480,7 @@ impl<'a> Sight<'a> {
                     };
                     looked.look.absent.insert(*point, absence);
                 }
+                (Some(_), _) => {}
             }
         }
     }

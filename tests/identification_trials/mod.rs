@@ -6,6 +6,7 @@
 #![allow(dead_code, reason = "every program uses its own part")]
 
 pub(crate) mod object;
+pub(crate) mod picture;
 pub(crate) mod recipe;
 pub(crate) mod scene;
 pub(crate) mod table;

@@ -20,10 +20,19 @@ impl Pictures for NoPictures {
     }
 }
 
+/// All steps of a stage without pictures, and its conclusion.
+pub(crate) fn concluded(network: Network, stage: Stage) -> Network {
+    concluded_with(network, stage, &NoPictures)
+}
+
 /// All steps of a stage, and its conclusion.
-pub(crate) fn concluded(mut network: Network, stage: Stage) -> Network {
+pub(crate) fn concluded_with(
+    mut network: Network,
+    stage: Stage,
+    pictures: &dyn Pictures,
+) -> Network {
     while let Some(step) = stage.next(&network) {
-        match step.run(&network, &NoPictures, &Monitor::new()) {
+        match step.run(&network, pictures, &Monitor::new()) {
             Ok(Advance { network: after, .. }) => network = after,
             Err(Halt::Failed(error)) => return stage.conclude(&network, Some(&error)),
             Err(Halt::Interrupted) => unreachable!("nobody interrupts"),

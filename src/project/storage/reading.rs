@@ -263,6 +263,7 @@ impl Reader<'_> {
             moved_by: self.newer_part(rows, "moved_by"),
             connection_order: self.part(rows, "connection_order"),
             passes: self.part(rows, "passes"),
+            tentative: self.newer_part(rows, "tentative"),
             conclusions: self.part(rows, "conclusions"),
             findings: self.part(rows, "findings"),
             adjustment: rows

@@ -227,6 +227,7 @@ impl Changes {
             moved_by,
             connection_order,
             passes,
+            tentative,
             conclusions,
             findings,
             adjustment,
@@ -243,6 +244,7 @@ impl Changes {
         let order = saved.map(|n| &n.connection_order);
         self.shared("connection_order", order, connection_order)?;
         self.shared("passes", saved.map(|n| &n.passes), passes)?;
+        self.shared("tentative", saved.map(|n| &n.tentative), tentative)?;
         self.shared("findings", saved.map(|n| &n.findings), findings)?;
         self.plain("conclusions", saved.map(|n| &n.conclusions), conclusions)?;
         self.plain("inputs", saved.map(|n| &n.inputs), inputs)?;

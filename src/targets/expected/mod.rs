@@ -229,8 +229,6 @@ fn in_picture(
     expected: &Expected,
     observed: &Observed,
 ) -> Result<(), NotThere> {
-    /// Of a blurred edge so many blurs are looked at, as in detection.
-    const EDGE_BLURS: f64 = 1.5;
     let size = [view.view.image.width(), view.view.image.height()].map(|side| side as f64);
     let centre = expected.centre_px;
     let beyond = |reach: Vector2<f64>| {
@@ -244,8 +242,9 @@ fn in_picture(
     if outside > 0.0 {
         return Err(NotThere::Outside { beyond_px: outside });
     }
+    // Where the border cuts no more than the blurred edge, the other sides tell the centre of a dot of known size.
     let half = observed.ellipse().half_extent();
-    match beyond(half.add_scalar(EDGE_BLURS * observed.blur)) > 0.0 {
+    match beyond(half) > 0.0 {
         true => Err(NotThere::CutOffAtBorder),
         false => Ok(()),
     }
