@@ -12,11 +12,12 @@ use super::{Halt, adjust, circles};
 use crate::matching::{
     Identification, IdentificationInput, IdentificationSettings, KnownCircle, KnownPoint, Leftover,
     LeftoverReason, Member, ObjectSpace, OrientationPrecision, Track, View, ViewDot, identify,
+    identify_by_threshold,
 };
 use crate::monitor::Monitor;
 use crate::network::{
-    AdjustmentResult, CameraId, Finding, IdentificationPass, ImageEntry, ImageId, Label, Network,
-    Point, PointId, ScaleSource, Source, Stage, Station,
+    AdjustmentResult, CameraId, Connectivity, Finding, IdentificationPass, IdentificationRule,
+    ImageEntry, ImageId, Label, Network, Point, PointId, ScaleSource, Source, Stage, Station,
 };
 use crate::targets::{DotIndex, Family};
 
@@ -75,7 +76,10 @@ pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> 
             min_rays: network.settings.min_rays as usize,
             ..IdentificationSettings::default()
         };
-        let found = identify(&input, &settings, monitor)?;
+        let found = match network.settings.identification {
+            IdentificationRule::Statistics => identify(&input, &settings, monitor)?,
+            IdentificationRule::Paper => identify_by_threshold(&input, &settings, monitor)?,
+        };
         let before = network.points.len();
         labelled = Names {
             images: &images,
@@ -166,7 +170,10 @@ impl Scene {
         }
         let (known_ids, known): (Vec<PointId>, Vec<KnownPoint>) =
             known_points(network, &images).into_iter().unzip();
-        let neighbours = neighbours(&views, &known);
+        let neighbours = match network.settings.identification {
+            IdentificationRule::Statistics => neighbours(&views, &known),
+            IdentificationRule::Paper => sharing_codes(network, &images),
+        };
         Self {
             views,
             images,
@@ -196,6 +203,19 @@ fn precision(
         .fixed_view_mut::<10, 10>(6, 6)
         .copy_from(&of_camera.covariance);
     Some(OrientationPrecision(joint))
+}
+
+/// For each image the others in which one of its codes is read.
+fn sharing_codes(network: &Network, images: &[ImageId]) -> Vec<Vec<usize>> {
+    let places: BTreeMap<ImageId, usize> = (0..).zip(images).map(|(i, id)| (*id, i)).collect();
+    let mut neighbours = vec![Vec::new(); images.len()];
+    for image in Connectivity::of(network).images {
+        if let Some(&index) = places.get(&image.image) {
+            let others = image.shared.keys();
+            neighbours[index] = others.filter_map(|id| places.get(id).copied()).collect();
+        }
+    }
+    neighbours
 }
 
 /// For each view those that ought to show one of the known points that it ought to show: sharing a code that is read in both, as the
