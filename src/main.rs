@@ -9,7 +9,7 @@ use tiepoint::adjustment::OutlierTest;
 use tiepoint::commands::{self, CommandError, Failure};
 use tiepoint::geometry::Scale;
 use tiepoint::monitor::Monitor;
-use tiepoint::network::Stage;
+use tiepoint::network::{IdentificationRule, Stage};
 use tiepoint::plain_network::Weights;
 use tiepoint::report::{ExistingNames, NamingSettings};
 use tiepoint::targets::Family;
@@ -107,6 +107,25 @@ struct New {
     /// Code families: dot420, ring12, ring14, ring20.
     #[arg(long, value_delimiter = ',', default_value = "dot420")]
     codes: Vec<Family>,
+    /// Identify plain targets by what is known of rays and chance, or by the threshold of Hattori et al. (2002).
+    #[arg(long, value_enum, default_value_t = Rule::Statistics)]
+    identification: Rule,
+}
+
+/// How plain targets are identified.
+#[derive(Clone, Copy, ValueEnum)]
+enum Rule {
+    Statistics,
+    Paper,
+}
+
+impl From<Rule> for IdentificationRule {
+    fn from(rule: Rule) -> Self {
+        match rule {
+            Rule::Statistics => Self::Statistics,
+            Rule::Paper => Self::Paper,
+        }
+    }
 }
 
 #[derive(Args)]
@@ -401,6 +420,7 @@ fn run(command: Command, monitor: &Monitor) -> Result<(), CommandError> {
             bars: new.bars,
             control: new.control,
             families: new.codes,
+            identification: new.identification.into(),
         }),
         Command::Add(images) => commands::add(&images.project, &images.images),
         Command::Exclude(images) => commands::exclude(&images.project, &images.images),

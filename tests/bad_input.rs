@@ -597,6 +597,17 @@ fn arguments_with_faults_are_one_line() {
         ),
         (vec!["run"], vec!["PROJECT"]),
         (vec!["new", "p.tiepoint"], vec!["--images"]),
+        (
+            vec![
+                "new",
+                "p.tiepoint",
+                "--images",
+                "images",
+                "--identification",
+                "luck",
+            ],
+            vec!["luck", "--identification", "paper"],
+        ),
         (vec!["weigh"], vec!["weigh"]),
         (vec!["run", "p.tiepoint", "--fast"], vec!["--fast"]),
         (

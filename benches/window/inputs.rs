@@ -112,6 +112,7 @@ impl Inputs {
             bars: None,
             control: None,
             families: vec![Family::Dot420],
+            identification: Default::default(),
         })
         .expect("a project");
         project

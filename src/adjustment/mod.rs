@@ -99,8 +99,8 @@ pub use result::{
 };
 pub use settling::{Settled, SettledPoint, settle};
 pub use significance::{
-    Sigma0Test, Sigma0Verdict, TestPower, VarianceOfUnitWeight, chi_square_critical,
-    ellipsoid_factor, normal_critical, normal_level, student_critical, tau_critical,
+    Sigma0Test, Sigma0Verdict, TestPower, VarianceOfUnitWeight, ellipsoid_factor, normal_critical,
+    normal_level, student_critical, tau_critical,
 };
 pub use solved::{Part, SolvedNetwork};
 pub use solver::{BundleSolver, Iteration, Phase, Termination, TerminationKind};

@@ -47,13 +47,6 @@ pub fn normal_level(critical: f64) -> f64 {
     2.0 * Normal::standard().sf(critical)
 }
 
-/// The value that chi-square of `freedom` (> 0) degrees of freedom exceeds with probability `level`.
-#[must_use]
-pub fn chi_square_critical(level: f64, freedom: usize) -> Option<f64> {
-    let chi_square = ChiSquared::new(freedom as f64).ok()?;
-    Some(chi_square.inverse_cdf(1.0 - level))
-}
-
 /// Two-sided critical value of Student's t with `freedom` degrees of freedom (> 0).
 #[must_use]
 pub fn student_critical(level: f64, freedom: f64) -> Option<f64> {
@@ -175,9 +168,6 @@ mod tests {
         near(normal_critical(0.001), 3.2905, 1e-4);
         near(normal_level(3.2905), 0.001, 1e-6);
         near(TestPower::default().noncentrality(), 4.1321, 1e-4);
-        near(chi_square_critical(0.01, 3).unwrap(), 11.345, 1e-3);
-        near(chi_square_critical(0.01, 15).unwrap(), 30.578, 1e-3);
-        assert_eq!(chi_square_critical(0.01, 0), None);
         near(student_critical(0.05, 10.0).unwrap(), 2.228, 5e-4);
         near(student_critical(0.001, 30.0).unwrap(), 3.646, 5e-4);
         // From t = 2.262 of 9 degrees of freedom; the limits are sqrt(r) for small r and the normal value for large r.

@@ -162,6 +162,7 @@ pub fn prepare_demo(
             bars: Some(files.at("bars.csv")),
             control: None,
             families: vec![Family::Dot420],
+            identification: Default::default(),
         })?;
     }
     Ok(PreparedDemo {

@@ -10,6 +10,7 @@
     reason = "`!(x > limit)` also refuses what is not a number, which `x <= limit` would let pass"
 )]
 
+mod chi_square;
 mod circle;
 mod homography;
 mod intersection;
@@ -20,6 +21,7 @@ mod rotation;
 mod similarity;
 mod three_two_one;
 
+pub use chi_square::chi_square_critical;
 pub use circle::Circle;
 pub use homography::{HomographyError, PlanePair, apply_homography, fit_homography};
 pub use intersection::{

@@ -227,34 +227,11 @@ impl Bench<'_> {
     /// The width of the band is the threshold `Th = sqrt(2) max(sigma_S, 3 sigma_xy D / c)` of two rays, in pixels, with
     /// the ray sigma of both views in the place of sigma_S and its critical value in the place of 3.
     fn epipolar_candidates(&self, seed: Member, view: usize) -> Vec<usize> {
-        /// Shortest depth before a camera as a share of the far end of the ray: nearer, lines run off to infinity.
-        const NEAREST: f64 = 0.02;
         let (a, b) = (&self.sights[seed.view], &self.sights[view]);
-        let direction = a.dots[seed.dot].direction;
-        let Some([mut near, mut far]) = a.space.stretch(&a.centre, &direction) else {
+        let Some(line) = b.image_of_ray(a, seed.dot) else {
             return Vec::new();
         };
-        let k0 = -(b.camera_from_world * (a.centre - b.centre)).z;
-        let slope = -(b.camera_from_world * direction).z;
-        let least = NEAREST * far;
-        // Depth k0 + t slope before camera b must be at least `least`.
-        if slope.abs() < 1e-12 {
-            if k0 < least {
-                return Vec::new();
-            }
-        } else if slope > 0.0 {
-            near = near.max((least - k0) / slope);
-        } else {
-            far = far.min((least - k0) / slope);
-        }
-        if near >= far {
-            return Vec::new();
-        }
-        let ends = [near, far].map(|t| a.centre + direction * t);
-        let (Some(from), Some(to)) = (b.sighting(&ends[0]), b.sighting(&ends[1])) else {
-            return Vec::new();
-        };
-        let middle = (ends[0] + ends[1]) / 2.0;
+        let middle = (line.ends[0] + line.ends[1]) / 2.0;
         let scale = b.pixels_per_mm(&middle) / a.pixels_per_mm(&middle);
         // Both stations and both measurements, in pixels of the other view.
         let seed_sigma = a.dots[seed.dot].sigma_px;
@@ -264,7 +241,7 @@ impl Bench<'_> {
         };
         let variance = spread(a, seed_sigma * seed_sigma) * scale * scale + spread(b, b.dot_px2[1]);
         let band = (self.settings.critical_ray * variance).sqrt();
-        b.along(&from.place, &to.place, band)
+        b.along(&line.places[0], &line.places[1], band)
     }
 
     /// Where a pair of dots meets, if depth, angle and shapes allow it.

@@ -436,7 +436,7 @@ fn partners(input: &IdentificationInput, sights: &[Sight]) -> Vec<Vec<usize>> {
 }
 
 /// Where the targets of each view may lie: about the known points that it shows.
-fn spaces_of_views(input: &IdentificationInput) -> Vec<ObjectSpace> {
+pub(super) fn spaces_of_views(input: &IdentificationInput) -> Vec<ObjectSpace> {
     /// Fewest known points that tell it.
     const FEWEST: usize = 6;
     /// By how much of their diagonal their box is widened on all sides.

@@ -38,12 +38,21 @@ impl Intersection {
     }
 }
 
-/// The point nearest to two rays, `None` if they are nearly parallel (below `min_angle`) or meet behind a camera.
-pub(super) fn meet(
+/// How two rays pass each other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Passing {
+    /// Distances from the origins at which they are nearest to each other, mm; never behind a camera.
+    pub(super) along: [f64; 2],
+    /// Sine of the angle between them.
+    pub(super) sine: f64,
+}
+
+/// Where two rays pass each other nearest, `None` if they are nearly parallel (below `min_angle`) or do so behind a camera.
+pub(super) fn passing(
     (origin_a, a): (&Vector3<f64>, &Vector3<f64>),
     (origin_b, b): (&Vector3<f64>, &Vector3<f64>),
     min_angle: f64,
-) -> Option<Vector3<f64>> {
+) -> Option<Passing> {
     let base = origin_b - origin_a;
     let cosine = a.dot(b);
     let sine_squared = 1.0 - cosine * cosine;
@@ -52,8 +61,20 @@ pub(super) fn meet(
     }
     let along_a = (base.dot(a) - base.dot(b) * cosine) / sine_squared;
     let along_b = (base.dot(a) * cosine - base.dot(b)) / sine_squared;
-    (along_a > 0.0 && along_b > 0.0)
-        .then(|| (origin_a + a * along_a + origin_b + b * along_b) / 2.0)
+    (along_a > 0.0 && along_b > 0.0).then(|| Passing {
+        along: [along_a, along_b],
+        sine: sine_squared.sqrt(),
+    })
+}
+
+/// The point nearest to two rays, `None` as for [`passing`].
+pub(super) fn meet(
+    (origin_a, a): (&Vector3<f64>, &Vector3<f64>),
+    (origin_b, b): (&Vector3<f64>, &Vector3<f64>),
+    min_angle: f64,
+) -> Option<Vector3<f64>> {
+    let [along_a, along_b] = passing((origin_a, a), (origin_b, b), min_angle)?.along;
+    Some((origin_a + a * along_a + origin_b + b * along_b) / 2.0)
 }
 
 /// Covariance of how far a dot lies from the prediction of an exactly known point, px^2.

@@ -1,7 +1,7 @@
 //! Critical values of chi-square, looked up instead of computed for every intersection.
 
 use super::problem::IdentificationSettings;
-use crate::adjustment::chi_square_critical;
+use crate::geometry::chi_square_critical;
 
 /// Critical values of whole intersections by degrees of freedom.
 #[derive(Clone, Debug)]

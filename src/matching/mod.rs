@@ -21,6 +21,8 @@
 //!
 //! sigma_S bounds the errors of rays; how large they really are is measured from the residuals of strong intersections.
 //! What stays ambiguous waits for better orientations: adjust, and call [`identify`] again.
+//!
+//! The paper's own rule, its threshold alone, stands beside it as [`identify_by_threshold`].
 
 mod calibration;
 mod drafts;
@@ -28,15 +30,19 @@ mod hypothesis;
 mod identify;
 mod intersection;
 mod limits;
+mod meeting_places;
 mod outcome;
+mod paper_rule;
 mod predictor;
 mod problem;
 mod shape;
 mod sight;
 mod surface;
 mod sweep;
+mod threshold;
 
 pub use identify::identify;
+pub use paper_rule::identify_by_threshold;
 pub use predictor::Predictor;
 pub use problem::{
     Claim, Identification, IdentificationInput, IdentificationSettings, KnownCircle, KnownPoint,
@@ -44,6 +50,8 @@ pub use problem::{
     ViewDot,
 };
 
+#[cfg(test)]
+mod paper_trials;
 #[cfg(test)]
 mod simulated;
 #[cfg(test)]

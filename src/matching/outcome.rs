@@ -87,12 +87,12 @@ impl Pass<'_> {
         let fit = intersect(&self.sights, &draft.members, &draft.point);
         Track {
             position: draft.point,
-            sigma_mm: (draft.covariance.trace() / 3.0).max(0.0).sqrt(),
+            covariance: draft.covariance,
             rms_px: fit.as_ref().map_or(0.0, Intersection::rms_px),
             chi_square: fit.as_ref().map_or(0.0, |f| f.chi_square),
             redundancy: (2 * draft.members.len()).saturating_sub(3),
             members: draft.members.clone(),
-            log10_accidents: draft.log10_accidents,
+            log10_accidents: Some(draft.log10_accidents),
             rival_rays: draft.rival_rays,
             circle: draft.disc.map(|d| KnownCircle {
                 diameter_mm: Some(d.diameter_mm),

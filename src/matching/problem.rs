@@ -216,8 +216,8 @@ pub struct Member {
 pub struct Track {
     /// Intersection of its rays, mm.
     pub position: Vector3<f64>,
-    /// Standard error of a coordinate (rms over the three) from the ray sigmas, mm.
-    pub sigma_mm: f64,
+    /// Covariance of the intersection from the rays, mm^2.
+    pub covariance: Matrix3<f64>,
     /// Its dots, by view; at most one a view.
     pub members: Vec<Member>,
     /// Root mean square residual per coordinate, px.
@@ -226,8 +226,9 @@ pub struct Track {
     pub chi_square: f64,
     /// Its degrees of freedom: 2 rays - 3.
     pub redundancy: usize,
-    /// Expected number of accidental intersections as good as this one when it was accepted, log10.
-    pub log10_accidents: f64,
+    /// Expected number of accidental intersections as good as this one when it was accepted, log10; `None` by a rule that counts
+    /// none.
+    pub log10_accidents: Option<f64>,
     /// Most rays that any other intersection through one of its dots gathers.
     pub rival_rays: usize,
     /// Normal towards the cameras and diameter, where the ellipses tell them.

@@ -85,6 +85,15 @@ pub(super) struct Sighting {
     by_turn: Matrix2x3<f64>,
 }
 
+/// The image of another view's ray: a straight segment in ideal pixels.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct RayImage {
+    /// Where the ray enters and leaves what counts of it, mm.
+    pub(super) ends: [Vector3<f64>; 2],
+    /// Their images, px.
+    pub(super) places: [Vector2<f64>; 2],
+}
+
 impl Sight {
     /// The view made ready; where its precision is not told, a ray's coordinate has the standard error `broad_px`.
     pub(super) fn new(view: &View, broad_px: f64, space: ObjectSpace) -> Self {
@@ -218,6 +227,42 @@ impl Sight {
     /// Pixels per millimetre across the ray at a world point.
     pub(super) fn pixels_per_mm(&self, point: &Vector3<f64>) -> f64 {
         self.focal_px / (point - self.centre).norm().max(1e-9)
+    }
+
+    /// Pixels per millimetre across the ray at a world point, in the direction in which the picture's plane stretches it most.
+    pub(super) fn most_pixels_per_mm(&self, point: &Vector3<f64>) -> f64 {
+        let away = self.camera_from_world * (point - self.centre);
+        self.focal_px * away.norm() / (away.z * away.z).max(1e-9)
+    }
+
+    /// The epipolar line of a dot of another view, as far as its ray runs through the object and before this camera.
+    pub(super) fn image_of_ray(&self, other: &Self, dot: usize) -> Option<RayImage> {
+        /// Shortest depth before a camera as a share of the far end of the ray: nearer, lines run off to infinity.
+        const NEAREST: f64 = 0.02;
+        let direction = other.dots[dot].direction;
+        let [mut near, mut far] = other.space.stretch(&other.centre, &direction)?;
+        let k0 = -(self.camera_from_world * (other.centre - self.centre)).z;
+        let slope = -(self.camera_from_world * direction).z;
+        let least = NEAREST * far;
+        // Depth k0 + t slope before this camera must be at least `least`.
+        if slope.abs() < 1e-12 {
+            if k0 < least {
+                return None;
+            }
+        } else if slope > 0.0 {
+            near = near.max((least - k0) / slope);
+        } else {
+            far = far.min((least - k0) / slope);
+        }
+        if near >= far {
+            return None;
+        }
+        let ends = [near, far].map(|t| other.centre + direction * t);
+        let places = [
+            self.sighting(&ends[0])?.place,
+            self.sighting(&ends[1])?.place,
+        ];
+        Some(RayImage { ends, places })
     }
 
     pub(super) fn frame_contains(&self, place: &Vector2<f64>) -> bool {

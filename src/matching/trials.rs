@@ -123,7 +123,7 @@ fn second_pass(
     // An adjustment would have moved the targets; here the old places with an honest sigma stand for that.
     known.extend(first.tracks.iter().map(|t| KnownPoint {
         position: t.position,
-        covariance: nalgebra::Matrix3::identity() * (t.sigma_mm * t.sigma_mm),
+        covariance: t.covariance,
         seen_in: t.members.iter().map(|m| m.view).collect(),
         circle: t.circle,
     }));

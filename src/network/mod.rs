@@ -42,7 +42,9 @@ pub use result::{
     AdjustedObservation, AdjustmentResult, BarResult, CameraResult, ComponentResult,
     IdentificationPass, Point, ScaleSource, Standing, Tentative,
 };
-pub use settings::{DevicePose, DotFamily, GrossErrors, MeasurementSettings, TargetSizes};
+pub use settings::{
+    DevicePose, DotFamily, GrossErrors, IdentificationRule, MeasurementSettings, TargetSizes,
+};
 pub use stage::{About, Conclusion, Finding, FindingKind, Outcome, Stage};
 
 /// One scale bar: a known distance between two points.

@@ -69,6 +69,17 @@ pub enum DevicePose {
     Dlt,
 }
 
+/// How plain targets are identified.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum IdentificationRule {
+    /// By how exactly rays, orientations and ellipses are known, and by what chance would do: names more, and hardly a wrong one.
+    #[default]
+    Statistics,
+    /// By the threshold of Hattori et al. (2002) for each two rays of images that share codes: the baseline.
+    Paper,
+}
+
 /// What the adjustments do with observations that fail the test for gross errors.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -99,6 +110,9 @@ pub struct MeasurementSettings {
     pub gross_errors: GrossErrors,
     /// Fewest rays of a plain target.
     pub min_rays: u32,
+    /// How plain targets are identified.
+    #[serde(default)]
+    pub identification: IdentificationRule,
     /// First orientation from the reference cross.
     #[serde(default)]
     pub device_pose: DevicePose,
@@ -114,7 +128,28 @@ impl Default for MeasurementSettings {
             critical_w: 4.0,
             gross_errors: GrossErrors::default(),
             min_rays: 3,
+            identification: IdentificationRule::default(),
             device_pose: DevicePose::default(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_of_earlier_projects_identify_by_statistics() {
+        let settings = MeasurementSettings {
+            identification: IdentificationRule::Paper,
+            ..MeasurementSettings::default()
+        };
+        let mut json = serde_json::to_value(&settings).unwrap();
+        assert_eq!(json["identification"], "paper");
+        let read: MeasurementSettings = serde_json::from_value(json.clone()).unwrap();
+        assert_eq!(read, settings);
+        json.as_object_mut().unwrap().remove("identification");
+        let earlier: MeasurementSettings = serde_json::from_value(json).unwrap();
+        assert_eq!(earlier, MeasurementSettings::default());
     }
 }

@@ -8,7 +8,7 @@ use super::files::{FileError, read_bars, read_cameras, read_control, read_cross,
 use super::intake::{IntakeError, add_cameras, add_images};
 use super::session::{Session, folder_of};
 use super::storage::StorageError;
-use crate::network::Network;
+use crate::network::{IdentificationRule, Network};
 use crate::targets::Family;
 
 /// What a new project is made of.
@@ -30,6 +30,8 @@ pub struct ProjectPlan {
     pub control: Option<PathBuf>,
     /// Code families.
     pub families: Vec<Family>,
+    /// How plain targets are identified.
+    pub identification: IdentificationRule,
 }
 
 impl ProjectPlan {
@@ -45,6 +47,7 @@ impl ProjectPlan {
             bars: None,
             control: None,
             families: vec![Family::Dot420],
+            identification: IdentificationRule::default(),
         }
     }
 }
@@ -85,6 +88,7 @@ pub fn make(plan: &ProjectPlan) -> Result<Session, MakingError> {
     settings.families = plan.families.clone();
     settings.families.sort_unstable();
     settings.families.dedup();
+    settings.identification = plan.identification;
     if let Some(targets) = &plan.targets {
         settings.targets = read_targets(targets)?;
     }
@@ -117,12 +121,27 @@ mod tests {
         }
         let plan = ProjectPlan::of_images(folder.at("p.tiepoint"), vec![folder.at("images")]);
         let session = make(&plan).unwrap();
+        let rule = session.network().settings.identification;
+        assert_eq!(rule, IdentificationRule::Statistics);
         let paths = session.network().images.values();
         let paths: Vec<&str> = paths.map(|image| image.file.path.as_str()).collect();
         assert_eq!(paths, ["images/a.pgm", "images/b.pgm"]);
         drop(session);
         let again = make(&plan).map(drop).unwrap_err();
         assert!(matches!(again, MakingError::Exists { .. }), "{again}");
+    }
+
+    #[test]
+    fn the_plan_chooses_how_targets_are_identified() {
+        let folder = Folder::new("making-rule");
+        folder.picture("a.pgm", 1);
+        let plan = ProjectPlan {
+            identification: IdentificationRule::Paper,
+            ..ProjectPlan::of_images(folder.at("p.tiepoint"), vec![folder.at("a.pgm")])
+        };
+        let session = make(&plan).unwrap();
+        let rule = session.network().settings.identification;
+        assert_eq!(rule, IdentificationRule::Paper);
     }
 
     #[test]

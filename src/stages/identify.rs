@@ -13,16 +13,21 @@ use super::{Halt, adjust, circles};
 use crate::matching::{
     Identification, IdentificationInput, IdentificationSettings, KnownCircle, KnownPoint, Leftover,
     LeftoverReason, Member, ObjectSpace, OrientationPrecision, Track, View, ViewDot, identify,
+    identify_by_threshold,
 };
 use crate::monitor::Monitor;
 use crate::network::{
-    AdjustmentResult, CameraId, Finding, IdentificationPass, ImageEntry, ImageId, Label, Network,
-    Point, PointId, ScaleSource, Source, Stage, Station, Tentative,
+    AdjustmentResult, CameraId, Connectivity, Finding, IdentificationPass, IdentificationRule,
+    ImageEntry, ImageId, Label, Network, Point, PointId, ScaleSource, Source, Stage, Station,
+    Tentative,
 };
 use crate::targets::{DotIndex, Family};
 
 /// Most passes on the same inputs; the paper needed two.
 const MAX_PASSES: usize = 8;
+
+/// Names that are fewer than this share of all are no reason to adjust between two passes.
+const WORTH_ADJUSTING: f64 = 0.001;
 
 /// How far dots lie from predicted places before the plain targets have improved lens and orientations, px: lens
 /// parameters from the codes alone do not yet hold in the corners.
@@ -43,9 +48,13 @@ pub(super) fn is_unfinished(network: &Network) -> bool {
 
 /// Whether dots were measured, where targets must be, that no adjustment knows yet.
 pub(super) fn has_new_dots(network: &Network) -> bool {
+    expected_dots(network) != expected_dots_known(network)
+}
+
+/// Dots that were measured where targets must be before the last pass.
+fn expected_dots_known(network: &Network) -> usize {
     let done = passes(network);
-    let known = done.last().map_or(0, |pass| pass.expected_dots as usize);
-    expected_dots(network) != known
+    done.last().map_or(0, |pass| pass.expected_dots as usize)
 }
 
 /// The passes on the present inputs.
@@ -70,7 +79,6 @@ pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> 
     let space = ObjectSpace::around(known.iter().map(|k| &k.position), SPACE_MARGIN);
     let offered: usize = views.iter().map(|v| v.dots.len()).sum();
     let expected = expected_dots(network);
-    let new_dots = has_new_dots(network);
     let mut labelled = 0;
     let mut new_points = 0;
     if let Some(space) = space {
@@ -87,7 +95,10 @@ pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> 
             min_rays: network.settings.min_rays as usize,
             ..IdentificationSettings::default()
         };
-        let found = identify(&input, &settings, monitor)?;
+        let found = match network.settings.identification {
+            IdentificationRule::Statistics => identify(&input, &settings, monitor)?,
+            IdentificationRule::Paper => identify_by_threshold(&input, &settings, monitor)?,
+        };
         let before = network.points.len();
         labelled = Names {
             images: &images,
@@ -97,7 +108,11 @@ pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> 
         .give(network, &found);
         new_points = network.points.len() - before;
     }
-    if labelled > 0 || new_dots || adjust::leaves_images_out(network) {
+    let names: usize = network.images.values().map(|i| i.labels.len()).sum();
+    // A few names more do not change the orientations: the final adjustment takes them up.
+    let is_news = |names_more: usize| names_more as f64 > WORTH_ADJUSTING * names as f64;
+    let unknown = expected.abs_diff(expected_dots_known(network));
+    if is_news(labelled) || is_news(unknown) || adjust::leaves_images_out(network) {
         adjust::adjust(network, Stage::Identify, monitor)?;
     }
     let pass = IdentificationPass {
@@ -179,7 +194,10 @@ impl Scene {
         }
         let (known_ids, known): (Vec<PointId>, Vec<KnownPoint>) =
             known_points(network, &images).into_iter().unzip();
-        let neighbours = neighbours(&views, &known);
+        let neighbours = match network.settings.identification {
+            IdentificationRule::Statistics => neighbours(&views, &known),
+            IdentificationRule::Paper => sharing_codes(network, &images),
+        };
         Self {
             views,
             images,
@@ -209,6 +227,19 @@ pub(super) fn precision(
         .fixed_view_mut::<10, 10>(6, 6)
         .copy_from(&of_camera.covariance);
     Some(OrientationPrecision(joint))
+}
+
+/// For each image the others in which one of its codes is read.
+fn sharing_codes(network: &Network, images: &[ImageId]) -> Vec<Vec<usize>> {
+    let places: BTreeMap<ImageId, usize> = (0..).zip(images).map(|(i, id)| (*id, i)).collect();
+    let mut neighbours = vec![Vec::new(); images.len()];
+    for image in Connectivity::of(network).images {
+        if let Some(&index) = places.get(&image.image) {
+            let others = image.shared.keys();
+            neighbours[index] = others.filter_map(|id| places.get(id).copied()).collect();
+        }
+    }
+    neighbours
 }
 
 /// For each view those that ought to show one of the known points that it ought to show: sharing a code that is read in both, as the
@@ -348,7 +379,7 @@ impl Names<'_> {
             });
             let coordinates = Point {
                 position: track.position,
-                covariance: None,
+                covariance: Some(track.covariance),
                 rays: track.members.len() as u32,
                 circle: None,
             };

@@ -30,6 +30,8 @@ mod first_pair;
 mod frame_tests;
 mod gross;
 mod identify;
+#[cfg(test)]
+mod identify_tests;
 mod lens;
 mod look_again;
 mod new_camera;

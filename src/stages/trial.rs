@@ -22,7 +22,7 @@ use crate::targets::{CodeEvidence, CodeReading, Detections, Dot, DotIndex, Famil
 pub(super) const SIGMA_PX: f64 = 0.02;
 
 /// Pictures that nobody may ask for.
-struct NoPictures;
+pub(super) struct NoPictures;
 
 impl Pictures for NoPictures {
     fn load(&self, image: &ImageEntry, _monitor: &Monitor) -> Result<GreyImage, String> {
@@ -32,10 +32,15 @@ impl Pictures for NoPictures {
 
 /// A panel of `dot420` codes seen from all sides.
 pub(super) fn code_panel(stations: usize) -> Experiment {
+    code_panel_with(0, stations)
+}
+
+/// The same with plain targets between the codes.
+pub(super) fn code_panel_with(plain_targets: usize, stations: usize) -> Experiment {
     panel(&PanelSettings {
         family: Family::Dot420,
         codes: 12,
-        plain_targets: 0,
+        plain_targets,
         stations,
         ..PanelSettings::default()
     })

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use egui::{Align2, Context, Grid, Key, TextEdit, Ui, Window, vec2};
 
 use super::App;
+use crate::network::IdentificationRule;
 use crate::project::making::ProjectPlan;
 use crate::project::proposal::{NewProject, Proposal};
 use crate::targets::Family;
@@ -78,6 +79,7 @@ struct NewForm {
     /// Names and paths of the other files, empty where there is none.
     files: [(&'static str, String); 4],
     families: Vec<Family>,
+    identification: IdentificationRule,
     projects_there: Vec<PathBuf>,
     not_used: Vec<PathBuf>,
 }
@@ -103,6 +105,7 @@ impl NewForm {
                 ("Control points", text(plan.control)),
             ],
             families: plan.families,
+            identification: plan.identification,
             projects_there,
             not_used,
         }
@@ -124,6 +127,7 @@ impl NewForm {
             bars,
             control,
             families: self.families.clone(),
+            identification: self.identification,
         }
     }
 

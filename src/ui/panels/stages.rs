@@ -3,7 +3,9 @@
 use egui::{Align, Button, CollapsingHeader, DragValue, ProgressBar, RichText, ScrollArea, Ui};
 
 use super::facts::mark;
-use crate::network::{DevicePose, GrossErrors, MeasurementSettings, Network, Outcome, Stage};
+use crate::network::{
+    DevicePose, GrossErrors, IdentificationRule, MeasurementSettings, Network, Outcome, Stage,
+};
 use crate::project::edit::Edit;
 use crate::targets::Family;
 use crate::ui::action::{Action, RunRequest};
@@ -109,6 +111,14 @@ impl StagesPanel {
             "Two rays always nearly meet somewhere; three that meet are no accident.",
             DragValue::new(&mut draft.min_rays).range(3..=20).speed(1.0),
         );
+        ui.horizontal_wrapped(|ui| {
+            ui.label("Rays belong together").on_hover_text(
+                "By how exactly each is known and what chance would do; or by one threshold for all (Hattori et al., 2002), which names less.",
+            );
+            let present = &mut draft.identification;
+            ui.radio_value(present, IdentificationRule::Statistics, "by statistics");
+            ui.radio_value(present, IdentificationRule::Paper, "by threshold");
+        });
         heading(ui, Stage::Adjust);
         number(
             ui,
