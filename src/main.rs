@@ -238,6 +238,9 @@ struct Export {
     /// Every detected target (CSV).
     #[arg(long)]
     observations: Option<PathBuf>,
+    /// Targets that images ought to show and do not, with the reasons (CSV).
+    #[arg(long)]
+    missing: Option<PathBuf>,
     /// Oriented images (CSV).
     #[arg(long)]
     stations: Option<PathBuf>,
@@ -447,6 +450,7 @@ fn run(command: Command, monitor: &Monitor) -> Result<(), CommandError> {
             project: export.project,
             points: export.points,
             observations: export.observations,
+            missing: export.missing,
             stations: export.stations,
             cameras: export.cameras,
         }),

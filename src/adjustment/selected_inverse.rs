@@ -57,34 +57,37 @@ impl SelectedInverse {
         for &block in blocks {
             starts.push(starts[starts.len() - 1] + structure.range(block).len());
         }
-        let mut among = DMatrix::zeros(starts[blocks.len()], starts[blocks.len()]);
-        for (a, &one) in blocks.iter().enumerate() {
-            for (b, &other) in blocks.iter().enumerate().skip(a) {
-                let is_first = structure.position[one] <= structure.position[other];
-                let (column, row) = if is_first { (one, other) } else { (other, one) };
-                let front = &structure.fronts[structure.front_of[column]];
-                let [at_row, at_column] = [row, column].map(|block| {
-                    let position = structure.position[block];
-                    let place = |part: &[usize]| {
-                        part.binary_search_by_key(&position, |&b| structure.position[b])
-                    };
-                    let (own, below) = front.blocks.split_at(front.own);
-                    let at = place(own).or_else(|_| place(below).map(|at| at + own.len()));
-                    front.starts[at.unwrap_or(0)]
-                });
-                let values = &self.fronts[structure.front_of[column]];
-                let [rows, columns] = [row, column].map(|block| structure.range(block));
-                for (j, unknown_j) in columns.enumerate() {
-                    for (i, unknown_i) in rows.clone().enumerate() {
-                        let scale = self.scale[unknown_i] * self.scale[unknown_j];
-                        let value = values[(at_row + i, at_column + j)] * scale;
-                        let (p, q) = if is_first {
-                            (starts[b] + i, starts[a] + j)
-                        } else {
-                            (starts[a] + i, starts[b] + j)
-                        };
-                        among[(p, q)] = value;
-                        among[(q, p)] = value;
+        let size = starts[blocks.len()];
+        let mut among = DMatrix::zeros(size, size);
+        let mut order: Vec<usize> = (0..blocks.len()).collect();
+        order.sort_by_key(|&k| structure.position[blocks[k]]);
+        for (at, &a) in order.iter().enumerate() {
+            let index = structure.front_of[blocks[a]];
+            let (front, values) = (&structure.fronts[index], &self.fronts[index]);
+            let place_of = |from: usize, block: usize| {
+                let position = structure.position[block];
+                let rest = front.blocks[from..].iter();
+                from + rest
+                    .take_while(|b| structure.position[**b] < position)
+                    .count()
+            };
+            // The blocks of a front and those asked for stand in the same order, so that one walk finds them all.
+            let mut place = place_of(0, blocks[a]);
+            let at_column = front.starts[place];
+            let columns = structure.range(blocks[a]);
+            for &b in &order[at..] {
+                place = place_of(place, blocks[b]);
+                let rows = structure.range(blocks[b]);
+                let at_row = front.starts[place];
+                let row_scale = &self.scale.as_slice()[rows];
+                for (j, unknown) in columns.clone().enumerate() {
+                    let from = (at_column + j) * values.nrows() + at_row;
+                    let entries = &values.as_slice()[from..from + row_scale.len()];
+                    let scale = self.scale[unknown];
+                    for (i, (entry, row_scale)) in entries.iter().zip(row_scale).enumerate() {
+                        let value = entry * (row_scale * scale);
+                        among[(starts[b] + i, starts[a] + j)] = value;
+                        among[(starts[a] + j, starts[b] + i)] = value;
                     }
                 }
             }

@@ -127,6 +127,7 @@ pub fn demo(request: &DemoRequest, monitor: &Monitor) -> Result<(), CommandError
         project: project.clone(),
         points: Some(files.at("points.csv")),
         observations: Some(files.at("observations.csv")),
+        missing: None,
         stations: Some(files.at("stations.csv")),
         cameras: Some(files.at("cameras.toml")),
     })?;

@@ -10,8 +10,8 @@ use crate::network::Network;
 use crate::project::files::read_reference;
 use crate::project::storage::Store;
 use crate::report::{
-    CompareSettings, NoFigures, compare as compare_points, export_cameras, export_observations,
-    export_points, export_stations, write_file,
+    CompareSettings, NoFigures, compare as compare_points, export_cameras, export_missing,
+    export_observations, export_points, export_stations, write_file,
 };
 
 /// Which tables to write where.
@@ -23,6 +23,8 @@ pub struct ExportRequest {
     pub points: Option<PathBuf>,
     /// Every detected target.
     pub observations: Option<PathBuf>,
+    /// Targets that images ought to show and do not.
+    pub missing: Option<PathBuf>,
     /// Oriented images.
     pub stations: Option<PathBuf>,
     /// Cameras.
@@ -60,12 +62,13 @@ pub fn export(request: &ExportRequest) -> Result<(), CommandError> {
     let asked = [
         &request.points,
         &request.observations,
+        &request.missing,
         &request.stations,
         &request.cameras,
     ];
     if asked.iter().all(|path| path.is_none()) {
         return Err(CommandError::input(
-            "export: found no table to write, expected --points, --observations, --stations or --cameras",
+            "export: found no table to write, expected --points, --observations, --missing, --stations or --cameras",
         ));
     }
     let Reading { network, damage } = read_project(&request.project)?;
@@ -81,6 +84,9 @@ pub fn export(request: &ExportRequest) -> Result<(), CommandError> {
             path,
             export_observations(&network).map_err(work)?.as_bytes(),
         )?;
+    }
+    if let Some(path) = &request.missing {
+        write_file(path, export_missing(&network).as_bytes())?;
     }
     if let Some(path) = &request.stations {
         write_file(path, export_stations(&network).map_err(work)?.as_bytes())?;

@@ -161,7 +161,10 @@ pub fn export_observations(network: &Network) -> Result<String, NoFigures> {
                         .get(&index)
                         .or_else(|| set_aside.get(&index))
                         .cloned()
-                        .unwrap_or_else(|| "not identified".to_owned()),
+                        .unwrap_or_else(|| match image.station {
+                            Some(_) => "not identified".to_owned(),
+                            None => "its image has no orientation".to_owned(),
+                        }),
                 },
             };
             let source = match label.map(|l| l.source) {

@@ -14,6 +14,7 @@ mod export;
 mod file;
 #[cfg(test)]
 pub(crate) mod fixture;
+mod missing;
 mod naming;
 mod overlay;
 mod plain_answers;
@@ -35,6 +36,7 @@ pub use csv_text::csv_text;
 pub use detect::{DetectReport, detect_line};
 pub use export::{NoFigures, export_cameras, export_observations, export_points, export_stations};
 pub use file::{WriteError, write_file};
+pub use missing::{export_missing, missing_by_class};
 pub use naming::{
     Ambiguity, ExistingNames, Naming, NamingError, NamingSettings, ReferenceLeft, Rival,
     TargetLeft, Way, WhyLeft, name_by_reference,

@@ -1,10 +1,12 @@
 //! What a run did, for programs and for people.
 
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use serde::Serialize;
 
 use super::export::adjusted_points;
+use super::missing::missing_by_class;
 use crate::adjustment::Sigma0Test;
 use crate::network::{
     About, AdjustmentResult, BarResult, ComponentResult, FindingKind, ImageUse, Network, Outcome,
@@ -38,6 +40,9 @@ pub struct RunSummary {
     pub targets: usize,
     /// Of these with a label.
     pub labelled: usize,
+    /// Targets that oriented images ought to show and have no dot of, by class.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub missing: BTreeMap<String, usize>,
     /// Adjusted points, or points with approximate coordinates where there is no adjustment.
     pub points: usize,
     /// Standard deviation of unit weight, without unit.
@@ -119,6 +124,10 @@ impl RunSummary {
             images_oriented: network.oriented_images().count(),
             targets,
             labelled,
+            missing: missing_by_class(network)
+                .into_iter()
+                .map(|(kind, count)| (kind.to_string(), count))
+                .collect(),
             points: match adjustment {
                 Some(adjustment) => adjusted_points(network, adjustment).len(),
                 None => network.points.len(),
@@ -155,6 +164,13 @@ impl RunSummary {
             "targets       {} labelled of {}",
             self.labelled, self.targets
         );
+        if !self.missing.is_empty() {
+            let classes = self.missing.iter();
+            let counts: Vec<String> = classes
+                .map(|(class, count)| format!("{count} {class}"))
+                .collect();
+            let _ = writeln!(text, "missing       {}", counts.join(", "));
+        }
         let _ = writeln!(text, "points        {}", self.points);
         match (
             self.sigma0,
