@@ -41,7 +41,7 @@ pub struct RunSummary {
     /// Of these with a label.
     pub labelled: usize,
     /// Targets that oriented images ought to show and have no dot of, by class.
-    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    #[serde(skip)]
     pub missing: BTreeMap<String, usize>,
     /// Adjusted points, or points with approximate coordinates where there is no adjustment.
     pub points: usize,
