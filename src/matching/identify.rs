@@ -12,6 +12,7 @@ use super::problem::{
 };
 use super::shape::{Disc, ShapeNoise};
 use super::sight::Sight;
+use super::sizes::Sizes;
 use super::surface::Surface;
 use crate::monitor::{Interrupted, Monitor, Task};
 
@@ -298,9 +299,14 @@ impl<'a> Pass<'a> {
                 .then(a.0.cmp(&b.0))
         });
         let surface = self.surface();
+        let sizes = self.sizes(seeds.iter().map(|m| &self.verdicts[m.view][m.dot]));
         let mut accepted = Vec::new();
         let mut free = self.free.clone();
         for (seed, hypothesis) in order {
+            let diameter = hypothesis.disc.map(|disc| disc.diameter_mm);
+            if !sizes.allow(diameter, hypothesis.members.len()) {
+                continue;
+            }
             if let Some(draft) = self.agreed(seed, hypothesis, &free, &surface) {
                 for member in &draft.members {
                     free[member.view][member.dot] = false;
@@ -310,6 +316,15 @@ impl<'a> Pass<'a> {
         }
         self.free = free;
         self.drafts.extend(accepted);
+    }
+
+    /// Sizes of the targets so far and of these readings.
+    pub(super) fn sizes<'v>(&self, readings: impl Iterator<Item = &'v Verdict>) -> Sizes {
+        let accepted = self.drafts.iter().filter_map(|draft| draft.disc);
+        let read = readings
+            .filter(|verdict| verdict.rays() >= 3)
+            .filter_map(|verdict| verdict.best.as_ref()?.disc);
+        Sizes::of(accepted.chain(read).map(|disc| disc.diameter_mm))
     }
 
     /// The surface on which the accepted targets and the known points lie.

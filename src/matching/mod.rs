@@ -37,6 +37,7 @@ mod predictor;
 mod problem;
 mod shape;
 mod sight;
+mod sizes;
 mod surface;
 mod sweep;
 mod threshold;

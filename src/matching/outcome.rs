@@ -11,6 +11,7 @@ use super::intersection::{Intersection, intersect, prediction_misfit};
 use super::problem::{
     Claim, Identification, KnownCircle, Leftover, LeftoverReason, Member, Pair, Track,
 };
+use super::sizes::Sizes;
 
 impl Pass<'_> {
     pub(super) fn finish(self) -> Identification {
@@ -18,13 +19,15 @@ impl Pass<'_> {
             unexplained_px: self.sights.iter().map(|s| s.extra_px2.sqrt()).collect(),
             ..Identification::default()
         };
+        let free = self.free_dots();
+        let sizes = self.sizes(free.iter().map(|m| &self.verdicts[m.view][m.dot]));
         let leftover: Vec<Vec<Leftover>> = (0..self.sights.len())
             .into_par_iter()
             .map(|view| {
                 let places = Places::of(&self, view);
                 let reasons = self.free_dots_of(view).map(|member| Leftover {
                     member,
-                    reason: self.reason(&places, member),
+                    reason: self.reason(&places, &sizes, member),
                 });
                 reasons.collect()
             })
@@ -101,7 +104,7 @@ impl Pass<'_> {
         }
     }
 
-    fn reason(&self, places: &Places, member: Member) -> LeftoverReason {
+    fn reason(&self, places: &Places, sizes: &Sizes, member: Member) -> LeftoverReason {
         let sight = &self.sights[member.view];
         let near = places
             .near(&sight.dots[member.dot].place)
@@ -134,6 +137,13 @@ impl Pass<'_> {
             return LeftoverReason::Accidental {
                 rays,
                 log10_accidents: accidents,
+            };
+        }
+        let disc = verdict.best.as_ref().and_then(|best| best.disc);
+        if let Some(disc) = disc.filter(|disc| !sizes.allow(Some(disc.diameter_mm), rays)) {
+            return LeftoverReason::OddSize {
+                rays,
+                diameter_mm: disc.diameter_mm,
             };
         }
         LeftoverReason::Ambiguous {

@@ -276,6 +276,13 @@ pub enum LeftoverReason {
         /// Expected number of accidental intersections as good, log10.
         log10_accidents: f64,
     },
+    /// Few rays, and a size that other targets do not have: two targets whose images run together look so.
+    OddSize {
+        /// Rays found.
+        rays: usize,
+        /// Its diameter, in the unit of the network.
+        diameter_mm: f64,
+    },
     /// Another intersection through it, or through one of the partners, competes.
     Ambiguous {
         /// Rays of the best intersection.

@@ -54,12 +54,15 @@ impl Pass<'_> {
                 }
             }
         }
+        let sizes = self.sizes(found.iter());
         let mut order: Vec<(&Member, &Verdict, &Hypothesis)> = seeds
             .iter()
             .zip(found)
             .filter_map(|(seed, verdict)| Some((seed, verdict, verdict.best.as_ref()?)))
             .filter(|(_, verdict, best)| {
-                best.members.len() >= RAYS_OF_SWEEP
+                let diameter = best.disc.map(|disc| disc.diameter_mm);
+                sizes.allow(diameter, best.members.len())
+                    && best.members.len() >= RAYS_OF_SWEEP
                     && 2 * verdict.rival_rays() < best.members.len()
                     && best.log10_accidents(self.pairs, self.limits) <= ACCIDENTS_OF_SWEEP
             })

@@ -489,6 +489,9 @@ fn in_words(reason: &LeftoverReason) -> String {
         LeftoverReason::Accidental { rays, .. } => {
             format!("its {rays} rays may meet by accident")
         }
+        LeftoverReason::OddSize { rays, diameter_mm } => format!(
+            "its {rays} rays meet, but in a target of another size ({diameter_mm:.1} mm) than the others"
+        ),
         LeftoverReason::Ambiguous { rays, rival_rays } => {
             format!("ambiguous: {rays} rays against {rival_rays} of another reading")
         }

@@ -101,9 +101,9 @@ impl Recipe {
 /// So many codes that the pictures hang together, though half of those in sight miss a dot and are not read.
 fn codes_on(form: Form) -> usize {
     match form {
-        Form::Box => 60,
-        Form::Cylinder => 36,
-        Form::Flat | Form::Waves | Form::Steps => 24,
+        Form::Box => 90,
+        Form::Cylinder => 70,
+        Form::Flat | Form::Waves | Form::Steps => 32,
     }
 }
 
