@@ -122,7 +122,8 @@ fn targets(network: &Network) -> Vec<Target> {
     let needed = network.settings.min_rays.max(3);
     let points = network.points.iter();
     let known = points
-        .filter(|(_, point)| point.rays >= needed)
+        // The name of a code's dot does not hang on its rays.
+        .filter(|(id, point)| point.rays >= if id.code().is_some() { 2 } else { needed })
         .filter_map(|(&id, point)| {
             let seen_from = seen.remove(&id)?;
             let side: Vector3<f64> = seen_from.iter().sum();
