@@ -106,11 +106,16 @@ struct Target {
     seen_from: Vec<Vector3<f64>>,
 }
 
-/// All points whose place is known well enough.
+/// All points whose place is known well enough. What earlier batches of the look found counts for nothing here, so that it is the same
+/// however the images are divided.
 fn targets(network: &Network) -> Vec<Target> {
     let mut seen: BTreeMap<PointId, Vec<Vector3<f64>>> = BTreeMap::new();
     for (_, image, station) in network.oriented_images() {
-        for (_, label) in image.used_labels() {
+        let expected = image.detections.as_ref().map(|d| d.expected.as_slice());
+        let of_detection = image
+            .used_labels()
+            .filter(|(dot, _)| !expected.is_some_and(|expected| expected.contains(dot)));
+        for (_, label) in of_detection {
             if let Some(point) = network.points.get(&label.point) {
                 let towards = station.pose.centre_in_world - point.position;
                 seen.entry(label.point)
