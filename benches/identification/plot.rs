@@ -87,7 +87,7 @@ pub(crate) fn svg(lines: &[Line], spacings: &[f64]) -> String {
         out,
         "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">spacing of the targets, dot diameters</text>\
          <text transform=\"translate(14 {:.1}) rotate(-90)\" text-anchor=\"middle\">identifiable dots without the right label</text>\
-         <text x=\"{:.1}\" y=\"{:.1}\">noise of a centre</text></svg>",
+         <text x=\"{:.1}\" y=\"{:.1}\">noise</text></svg>",
         0.5 * WIDTH,
         HEIGHT - 16.0,
         0.5 * HEIGHT,
