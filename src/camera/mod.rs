@@ -15,6 +15,7 @@ pub(crate) mod fixture;
 mod interior;
 mod projection;
 
+pub use circle::EllipseImage;
 pub use interior::{
     Correction, Displacement, INTERIOR_NAMES, ImagePoint, InteriorOrientation, LensDirection,
 };

@@ -15,6 +15,20 @@ pub struct Circle {
 }
 
 impl Circle {
+    /// The same circle with the normal on this side.
+    #[must_use]
+    pub fn facing(&self, side: &Vector3<f64>) -> Self {
+        let sign = if self.normal.dot(side) < 0.0 {
+            -1.0
+        } else {
+            1.0
+        };
+        Self {
+            normal: self.normal * sign,
+            ..*self
+        }
+    }
+
     /// The same circle after its place was moved by a similarity.
     #[must_use]
     pub fn moved(&self, similarity: &Similarity) -> Self {
@@ -23,5 +37,21 @@ impl Circle {
             normal: (similarity.rotation * self.normal).normalize(),
             radius_mm: similarity.scale * self.radius_mm,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_circle_shows_the_side_that_is_asked_for() {
+        let circle = Circle {
+            normal: Vector3::z(),
+            radius_mm: 2.5,
+        };
+        let below = Vector3::new(3.0, 0.0, -0.1);
+        assert_eq!(circle.facing(&below).normal, -Vector3::z());
+        assert_eq!(circle.facing(&-below), circle);
     }
 }

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::hypothesis::{Bench, Verdict, overlap};
 use super::intersection::{intersect, prediction_misfit};
 use super::problem::{IdentificationSettings, Member};
-use super::shape::{Disc, ShapeNoise, largest};
+use super::shape::{Disc, ShapeNoise};
 use super::sight::Sight;
 
 /// Where no normal is known: largest angle to a view that does see the point, radians.
@@ -116,10 +116,7 @@ fn candidates(bench: &Bench, drafts: &[Draft], view: usize, free: &[Vec<bool>]) 
         let Some(seen) = sight.sighting(&draft.point) else {
             continue;
         };
-        let [mean, most] = sight.dot_px2;
-        let spread =
-            seen.by_point * draft.covariance * seen.by_point.transpose() + sight.spread(&seen);
-        let radius = (critical * (largest(&spread) + most - mean)).sqrt();
+        let radius = sight.search_radius(&seen, &draft.covariance, critical);
         sight.near(&place, radius, |dot| {
             let shape = draft
                 .disc

@@ -296,8 +296,7 @@ impl Bench<'_> {
             let seen = sight.sighting(&point)?;
             let spread =
                 seen.by_point * covariance * seen.by_point.transpose() + sight.spread(&seen);
-            let [mean, most] = sight.dot_px2;
-            let radius = (self.settings.critical_ray * (largest(&spread) + most - mean)).sqrt();
+            let radius = sight.search_radius(&seen, &covariance, self.settings.critical_ray);
             if radius > WIDEST_SEARCH_PX {
                 continue;
             }
@@ -409,12 +408,9 @@ impl Bench<'_> {
             let Some(seen) = sight.sighting(&fit.point) else {
                 continue;
             };
-            let [mean, most] = sight.dot_px2;
-            let spread =
-                seen.by_point * fit.covariance * seen.by_point.transpose() + sight.spread(&seen);
             let critical = self.settings.critical_ray + self.settings.critical_margin;
             let mut hits: Vec<(f64, usize)> = Vec::new();
-            let radius = (critical * (largest(&spread) + most - mean)).sqrt();
+            let radius = sight.search_radius(&seen, &fit.covariance, critical);
             sight.near(&place, radius, |dot| {
                 if let Some(misfit) = prediction_misfit(sight, dot, &fit.point, &fit.covariance) {
                     hits.push((misfit, dot));

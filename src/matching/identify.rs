@@ -29,8 +29,8 @@ const BEST_ANGLE: f64 = 0.5;
 
 /// One pass of identification: plain targets that several views agree on, and dots of known points.
 ///
-/// The first pass (`station_sigma_mm` large) accepts what is unambiguous; adjust with it and call again with what is
-/// left. The result does not depend on the number of threads.
+/// The first pass accepts what is unambiguous; adjust with it and call again with what is left. The result does not depend on the number
+/// of threads.
 ///
 /// # Errors
 /// [`Interrupted`] when the work was asked to stop.

@@ -10,7 +10,7 @@
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Matrix6x2, Rotation2, SMatrix, Vector2, Vector3};
 
 use super::problem::{ObjectSpace, OrientationPrecision, View, ViewDot};
-use super::shape::root;
+use super::shape::{largest, root};
 use crate::camera::Camera;
 use crate::geometry::skew;
 
@@ -212,6 +212,19 @@ impl Sight {
         let (with_pose, own) = &precision.of_camera[at];
         let cross = by_pose * with_pose;
         by_pose * precision.of_pose * by_pose.transpose() + cross + cross.transpose() + own + extra
+    }
+
+    /// Within what distance of its prediction a dot of a point is to be looked for, px, where its squared standardised misfit may reach
+    /// `critical`; the dot may be the least exact of the view.
+    pub(super) fn search_radius(
+        &self,
+        seen: &Sighting,
+        covariance: &Matrix3<f64>,
+        critical: f64,
+    ) -> f64 {
+        let [mean, most] = self.dot_px2;
+        let spread = seen.by_point * covariance * seen.by_point.transpose() + self.spread(seen);
+        (critical * (largest(&spread) + most - mean)).sqrt()
     }
 
     /// Covariance of how far a dot of mean precision lies from a prediction, but for the point's own, px^2.

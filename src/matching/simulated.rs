@@ -1,6 +1,6 @@
 //! Simulated measurements with truth, for the trials of this folder.
 
-use nalgebra::{Matrix3, SymmetricEigen, Vector2, Vector3};
+use nalgebra::{Matrix3, Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -8,7 +8,7 @@ use super::problem::{
     Identification, IdentificationInput, KnownCircle, KnownPoint, ObjectSpace, View, ViewDot,
 };
 use crate::camera::{Camera, InteriorOrientation, LensDirection};
-use crate::geometry::Pose;
+use crate::geometry::{Circle, Pose};
 
 /// What a scene is like.
 #[derive(Clone, Copy, Debug)]
@@ -132,21 +132,19 @@ impl Scene {
         if !self.camera.contains(&projection.pixel) {
             return None;
         }
-        let j = projection.by_point * pose.camera_from_world.matrix();
-        let q = (Matrix3::identity() - target.normal * target.normal.transpose()) * DOT_MM * DOT_MM;
-        let eigen = SymmetricEigen::new(j * q * j.transpose());
-        let (big, small) = if eigen.eigenvalues[0] >= eigen.eigenvalues[1] {
-            (0, 1)
-        } else {
-            (1, 0)
+        let circle = Circle {
+            normal: target.normal,
+            radius_mm: DOT_MM / 2.0,
         };
-        let axis = eigen.eigenvectors.column(big);
+        let ellipse = self
+            .camera
+            .ellipse_of_target(pose, &target.point, &circle)?;
         Some(ViewDot {
             pixel: projection.pixel,
             sigma_px: 0.02,
-            major_px: eigen.eigenvalues[big].sqrt(),
-            minor_px: eigen.eigenvalues[small].sqrt(),
-            angle: axis[1].atan2(axis[0]).rem_euclid(std::f64::consts::PI),
+            major_px: ellipse.major_px,
+            minor_px: ellipse.minor_px,
+            angle: ellipse.angle,
         })
     }
 

@@ -6,17 +6,40 @@ use std::fmt;
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
-use super::{ImageEntry, PointId};
+use super::{ImageEntry, Network, PointId};
 
 /// A second look at an image, with the targets that it ought to show and does not.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Look {
     /// [`super::Network::inputs`] at that time.
     pub basis: u64,
+    /// What there was to look for.
+    #[serde(default)]
+    pub sought: Sought,
     /// Why the picture could not be looked at; `None` where it was.
     pub unreadable: Option<String>,
     /// Targets that are predicted in the image and have no dot there.
     pub absent: BTreeMap<PointId, Absence>,
+}
+
+/// What there is to look for in all images: how many points, and how many that two images alone show.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Sought {
+    /// [`super::Network::points`].
+    pub points: usize,
+    /// [`super::Network::tentative`].
+    pub tentative: usize,
+}
+
+impl Sought {
+    /// What there is in a network.
+    #[must_use]
+    pub fn of(network: &Network) -> Self {
+        Self {
+            points: network.points.len(),
+            tentative: network.tentative.len(),
+        }
+    }
 }
 
 /// A target that an image ought to show and does not.
@@ -54,22 +77,6 @@ pub enum AbsenceKind {
     Ambiguous,
     /// Its place is predicted too roughly to look.
     Vague,
-}
-
-impl AbsenceKind {
-    /// All of them, as they are listed.
-    pub const ALL: [AbsenceKind; 10] = [
-        AbsenceKind::Covered,
-        AbsenceKind::Weak,
-        AbsenceKind::Oblique,
-        AbsenceKind::Border,
-        AbsenceKind::Merged,
-        AbsenceKind::Glare,
-        AbsenceKind::Shape,
-        AbsenceKind::Elsewhere,
-        AbsenceKind::Ambiguous,
-        AbsenceKind::Vague,
-    ];
 }
 
 impl fmt::Display for AbsenceKind {

@@ -36,7 +36,7 @@ pub use image::{
     SET_ASIDE_BY_OPERATOR, Source, Station,
 };
 pub use label::{CodeDot, PointId, PointKind, UnknownLabel};
-pub use look::{Absence, AbsenceKind, Look};
+pub use look::{Absence, AbsenceKind, Look, Sought};
 pub use names::NameProblem;
 pub use result::{
     AdjustedObservation, AdjustmentResult, BarResult, CameraResult, ComponentResult,

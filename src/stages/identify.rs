@@ -327,7 +327,9 @@ fn known_points(network: &Network, images: &[ImageId]) -> Vec<(PointId, KnownPoi
             let seen_in = seen_in.remove(&id).unwrap_or_default();
             let carried = point.circle.map(|circle| KnownCircle {
                 diameter_mm: Some(2.0 * circle.radius_mm),
-                normal: towards_cameras(network, images, &point.position, &seen_in, circle.normal),
+                normal: circle
+                    .facing(&side(network, images, &point.position, &seen_in))
+                    .normal,
             });
             let known = KnownPoint {
                 position: point.position,
@@ -340,20 +342,19 @@ fn known_points(network: &Network, images: &[ImageId]) -> Vec<(PointId, KnownPoi
         .collect()
 }
 
-/// The normal of a circle on the side of the views that see it; of the circle's own the sign means nothing.
-fn towards_cameras(
+/// From a point to the middle of the views that see it.
+fn side(
     network: &Network,
     images: &[ImageId],
     point: &Vector3<f64>,
     seen_in: &[usize],
-    normal: Vector3<f64>,
 ) -> Vector3<f64> {
     let stations = seen_in
         .iter()
         .filter_map(|index| network.images[&images[*index]].station.as_ref());
-    let towards = stations.map(|station| (station.pose.centre_in_world - point).normalize());
-    let along: f64 = towards.map(|towards| towards.dot(&normal)).sum();
-    if along < 0.0 { -normal } else { normal }
+    stations
+        .map(|station| (station.pose.centre_in_world - point).normalize())
+        .sum()
 }
 
 /// Puts the result of a pass into the network.

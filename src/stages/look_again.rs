@@ -9,7 +9,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use nalgebra::{Matrix2, Matrix3, SymmetricEigen, Vector3};
+use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 use super::identify::precision;
@@ -21,8 +21,8 @@ use crate::imaging::GreyImage;
 use crate::matching::{Predictor, View};
 use crate::monitor::Monitor;
 use crate::network::{
-    Absence, AbsenceKind, ImageEntry, ImageId, Label, Look, Network, PointId, Source, Station,
-    Tentative,
+    Absence, AbsenceKind, ImageEntry, ImageId, Label, Look, Network, PointId, Sought, Source,
+    Station, Tentative,
 };
 use crate::targets::{
     Detections, Dot, DotIndex, Expected, ExpectedSettings, ExpectedView, NotThere, measure_expected,
@@ -39,22 +39,24 @@ const VAGUEST_PX: f64 = 1.5;
 /// Two dots of a picture are one where their centres are nearer than this share of the larger diameter.
 const SAME_DOT: f64 = 0.5;
 
-/// The images of the next step: the first ones that nobody looked at since the inputs changed.
+/// The images of the next step: the first ones that nobody looked at, or not for what there is to look for by now. An edit that
+/// changes neither needs no picture again.
 pub(super) fn next(network: &Network) -> Option<Step> {
     network.adjustment.as_ref()?;
     let batch: Vec<ImageId> = network
         .oriented_images()
         .filter(|(_, image, _)| image.detections.is_some())
-        .filter(|(_, image, _)| {
-            image
-                .look
-                .as_ref()
-                .is_none_or(|l| l.basis != network.inputs)
-        })
+        .filter(|(_, image, _)| image.look.as_ref().is_none_or(|look| is_old(network, look)))
         .map(|(id, ..)| id)
         .take(BATCH)
         .collect();
     (!batch.is_empty()).then_some(Step::LookAgain(batch))
+}
+
+/// Whether the inputs changed since a look, and with them what there is to look for.
+fn is_old(network: &Network, look: &Look) -> bool {
+    let sought = Sought::of(network);
+    look.basis != network.inputs && look.sought != sought
 }
 
 /// Dots of all images that were measured where a target must be.
@@ -132,19 +134,11 @@ fn targets(network: &Network) -> Vec<Target> {
         .filter_map(|(&id, point)| {
             let seen_from = seen.remove(&id)?;
             let side: Vector3<f64> = seen_from.iter().sum();
-            let circle = point.circle.map(|circle| Circle {
-                normal: if circle.normal.dot(&side) < 0.0 {
-                    -circle.normal
-                } else {
-                    circle.normal
-                },
-                ..circle
-            });
             Some(Target {
                 id: Some(id),
                 place: point.position,
                 covariance: point.covariance?,
-                circle,
+                circle: point.circle.map(|circle| circle.facing(&side)),
                 seen_from,
             })
         });
@@ -186,18 +180,7 @@ fn circle_of_pair(network: &Network, pair: &Tentative) -> Option<Circle> {
         )
     });
     let sights: Vec<EllipseSight> = sights.collect();
-    let circle = estimate_circle(&sights)?.circle;
-    let centres = pair.dots.iter().filter_map(|(image, _)| {
-        let station = network.images.get(image)?.station.as_ref()?;
-        Some(station.pose.centre_in_world - pair.position)
-    });
-    let side: Vector3<f64> = centres.sum();
-    let normal = if circle.normal.dot(&side) < 0.0 {
-        -circle.normal
-    } else {
-        circle.normal
-    };
-    Some(Circle { normal, ..circle })
+    Some(estimate_circle(&sights)?.circle)
 }
 
 /// What a look brought.
@@ -260,6 +243,7 @@ fn look_at(
     let mut looked = Looked {
         look: Look {
             basis: network.inputs,
+            sought: Sought::of(network),
             ..Look::default()
         },
         found: Vec::new(),
@@ -366,45 +350,29 @@ impl<'a> Sight<'a> {
                 format!("its place is known to {sigma:.1} px only"),
             );
         }
-        let [major_px, minor_px, angle] = self.ellipse(target, &towards)?;
+        // One without a circle is as its neighbours in the picture.
+        let circle = target.circle.or_else(|| {
+            Some(Circle {
+                normal: towards,
+                radius_mm: self.radius_of_nearest(target)?,
+            })
+        })?;
+        let ellipse = self
+            .camera
+            .ellipse_of_target(self.pose, &target.place, &circle)?;
         Some(Ok(Expected {
             centre_px: place_px,
             covariance_px2,
-            major_px,
-            minor_px,
-            angle,
+            major_px: ellipse.major_px,
+            minor_px: ellipse.minor_px,
+            angle: ellipse.angle,
             blur_px: None,
             contrast: None,
         }))
     }
 
-    /// Full diameters and direction of a target's image; one without a circle is as its neighbours in the picture.
-    fn ellipse(&self, target: &Target, towards: &Vector3<f64>) -> Option<[f64; 3]> {
-        let circle = target.circle.or_else(|| {
-            let nearest = self.nearest_named(target)?;
-            Some(Circle {
-                normal: *towards,
-                radius_mm: nearest,
-            })
-        })?;
-        let in_camera = self.pose.camera_from_point(&target.place);
-        let projection = self.camera.project_with_jacobians(&in_camera)?;
-        let by_point = projection.by_point * self.pose.camera_from_world.matrix();
-        let flat = Matrix3::identity() - circle.normal * circle.normal.transpose();
-        let squared: Matrix2<f64> =
-            by_point * flat * by_point.transpose() * (2.0 * circle.radius_mm).powi(2);
-        let ellipse = SymmetricEigen::new(squared);
-        let (large, small) = (ellipse.eigenvalues.imax(), ellipse.eigenvalues.imin());
-        let along = ellipse.eigenvectors.column(large);
-        Some([
-            ellipse.eigenvalues[large].max(0.0).sqrt(),
-            ellipse.eigenvalues[small].max(0.0).sqrt(),
-            along[1].atan2(along[0]).rem_euclid(std::f64::consts::PI),
-        ])
-    }
-
-    /// Half diameter in space of the dot nearest to where the target is imaged, mm.
-    fn nearest_named(&self, target: &Target) -> Option<f64> {
+    /// Half diameter, at the distance of the target, of the dot nearest to where it is imaged, mm.
+    fn radius_of_nearest(&self, target: &Target) -> Option<f64> {
         let place = self
             .camera
             .image_of_target(self.pose, &target.place, None)?;

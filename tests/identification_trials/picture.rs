@@ -18,6 +18,7 @@ use super::object::{DOT_MM, Object, Spot};
 use super::recipe::Recipe;
 use super::scene::Scene;
 use super::table::Truth;
+use super::verdict::{Votes, owners_by, split};
 
 /// A dot is the one that is found so near to its place, as a share of its larger diameter.
 const SAME: f64 = 0.25;
@@ -171,7 +172,7 @@ impl Pictured {
 
     pub(crate) fn judge(&self, network: &Network) -> Seen {
         let mut seen = Seen::default();
-        let mut votes: BTreeMap<PointId, BTreeMap<Truth, usize>> = BTreeMap::new();
+        let mut votes = Votes::new();
         let mut labels: BTreeMap<(ImageId, Truth), (PointId, bool)> = BTreeMap::new();
         let mut used: Vec<(PointId, Truth)> = Vec::new();
         for (id, image) in network.images.iter() {
@@ -195,25 +196,11 @@ impl Pictured {
                 }
             }
         }
-        let owner = |point: &PointId| -> Truth {
-            match point {
-                PointId::Code { code, dot, .. } => {
-                    let all = tiepoint::network::CodeDot::ALL;
-                    let place = all.iter().position(|d| d == dot);
-                    Truth::Code(*code, place.unwrap_or_default())
-                }
-                _ => votes[point]
-                    .iter()
-                    .max_by_key(|(_, count)| **count)
-                    .map_or(Truth::False, |(truth, _)| *truth),
-            }
-        };
+        let owners = owners_by(&votes);
         let right =
-            |point: &PointId, truth: &Truth| *truth != Truth::False && owner(point) == *truth;
+            |point: &PointId, truth: &Truth| *truth != Truth::False && owners[point] == *truth;
         seen.wrong_used = used.iter().filter(|(p, t)| !right(p, t)).count();
-        let mut known = std::collections::BTreeSet::new();
-        let owners = votes.keys().map(owner).filter(|t| *t != Truth::False);
-        seen.split = owners.filter(|truth| !known.insert(*truth)).count();
+        seen.split = split(&owners);
         let mut shown: BTreeMap<Truth, usize> = BTreeMap::new();
         for (id, dots) in &self.truth {
             for (_, truth) in dots.iter().filter(|(dot, _)| self.is_visible(*id, dot)) {

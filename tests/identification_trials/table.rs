@@ -1,8 +1,8 @@
 //! What detection would find in a picture of the object, without the picture.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use nalgebra::{Matrix3, SymmetricEigen, Vector2};
+use nalgebra::Vector2;
 use rand::RngExt as _;
 use rand_chacha::ChaCha8Rng;
 use tiepoint::camera::Camera;
@@ -68,26 +68,17 @@ impl View<'_> {
         let sigma_px = self.recipe.noise_px * random.random_range(1.0..2.0);
         let centre_px =
             px + Vector2::new(normal_deviate(random), normal_deviate(random)) * sigma_px;
-        // The image of a small circle is the ellipse J Q J^T of Q = d^2 (I - n n^T).
-        let in_camera = self.pose.camera_from_point(&spot.place);
-        let projection = camera.project_with_jacobians(&in_camera)?;
-        let by_point = projection.by_point * self.pose.camera_from_world.matrix();
-        let flat = Matrix3::identity() - spot.normal * spot.normal.transpose();
-        let squared = by_point * flat * by_point.transpose() * (2.0 * circle.radius_mm).powi(2);
-        let ellipse = SymmetricEigen::new(squared);
-        let (large, small) = (ellipse.eigenvalues.imax(), ellipse.eigenvalues.imin());
-        let diameter = |at: usize| ellipse.eigenvalues[at].max(0.0).sqrt();
-        let major_px = diameter(large) + AXIS_PX * normal_deviate(random);
-        let minor_px = diameter(small) + AXIS_PX * normal_deviate(random);
-        let longer = ellipse
-            .eigenvectors
-            .column(if major_px >= minor_px { large } else { small });
+        let ellipse = camera.ellipse_of_target(self.pose, &spot.place, &circle)?;
+        let major_px = ellipse.major_px + AXIS_PX * normal_deviate(random);
+        let minor_px = ellipse.minor_px + AXIS_PX * normal_deviate(random);
+        // Of a dot that is nearly round noise decides which diameter is the larger.
+        let turn = if major_px >= minor_px { 0.0 } else { FRAC_PI_2 };
         Some(Dot {
             centre_px,
             sigma_px,
             major_px: major_px.max(minor_px),
             minor_px: minor_px.min(major_px),
-            angle: longer[1].atan2(longer[0]).rem_euclid(PI),
+            angle: (ellipse.angle + turn).rem_euclid(PI),
             contrast: 120.0,
             background: 12.0,
         })

@@ -141,9 +141,9 @@ impl Verdict {
     }
 }
 
-/// What each point is: codes by their names, plain targets by most of their dots.
+/// What each point of a measurement is.
 fn owners(scene: &Scene, network: &Network) -> BTreeMap<PointId, Truth> {
-    let mut votes: BTreeMap<PointId, BTreeMap<Truth, usize>> = BTreeMap::new();
+    let mut votes = Votes::new();
     for (id, image) in network.images.iter() {
         for (dot, label) in image.labels.iter() {
             let truth = scene.truth[id][dot.slot()];
@@ -154,27 +154,34 @@ fn owners(scene: &Scene, network: &Network) -> BTreeMap<PointId, Truth> {
                 .or_default() += 1;
         }
     }
-    votes
-        .into_iter()
-        .map(|(point, votes)| {
-            let most = votes.iter().max_by_key(|(_, count)| **count);
-            let truth = match point {
-                PointId::Code {
-                    family: Family::Dot420,
-                    code,
-                    dot,
-                } => {
-                    let place = CodeDot::ALL.iter().position(|d| *d == dot);
-                    Truth::Code(code, place.unwrap_or_default())
-                }
-                _ => most.map_or(Truth::False, |(truth, _)| *truth),
-            };
-            (point, truth)
-        })
-        .collect()
+    owners_by(&votes)
 }
 
-fn split(owners: &BTreeMap<PointId, Truth>) -> usize {
+/// How many dots of each kind the labels of each point stand on.
+pub(crate) type Votes = BTreeMap<PointId, BTreeMap<Truth, usize>>;
+
+/// What each point is: codes by their names, plain targets by most of their dots.
+pub(crate) fn owners_by(votes: &Votes) -> BTreeMap<PointId, Truth> {
+    let owner = |(point, votes): (&PointId, &BTreeMap<Truth, usize>)| {
+        let most = votes.iter().max_by_key(|(_, count)| **count);
+        let truth = match *point {
+            PointId::Code {
+                family: Family::Dot420,
+                code,
+                dot,
+            } => {
+                let place = CodeDot::ALL.iter().position(|d| *d == dot);
+                Truth::Code(code, place.unwrap_or_default())
+            }
+            _ => most.map_or(Truth::False, |(truth, _)| *truth),
+        };
+        (*point, truth)
+    };
+    votes.iter().map(owner).collect()
+}
+
+/// Points beyond the first of one target.
+pub(crate) fn split(owners: &BTreeMap<PointId, Truth>) -> usize {
     let mut known = BTreeSet::new();
     owners
         .values()
