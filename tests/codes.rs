@@ -76,6 +76,19 @@ fn a_frame_that_gives_way_hides_no_changed_part() {
 }
 
 #[test]
+fn a_cover_a_little_darker_than_the_ground_shows_over_several_segments() {
+    // The cover takes two light segments away; each of the three dark ones under it is within what noise may do, their mean is not.
+    const NUMBER: u64 = 123_092;
+    let kinds = kinds();
+    let kind = kinds
+        .iter()
+        .find(|kind| kind.family == Family::Ring(14) && kind.name == "cover, its own grey")
+        .expect("the kind");
+    let tally = kind.once(NUMBER);
+    assert_eq!((tally.wrong, tally.wrong_doubtful), (0, 1), "{tally:?}");
+}
+
+#[test]
 fn the_same_tally_comes_from_any_number_of_threads() {
     let field = |kind: &Kind| kind.name == "cover in field dense";
     let with = |threads: usize| {

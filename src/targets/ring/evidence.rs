@@ -9,7 +9,7 @@
 //! - the borders: how far along the ring each one between light and dark is from the grid, and how wide a line lies on the others, by
 //!   least squares over their pixels: once in the scene as it fits best, and once with the scene left free, for a scene gives way to
 //!   a border that is off, the more the fewer borders there are. Print may make all light segments wider or narrower alike;
-//! - the levels of whole segments, which show slighter differences in grey.
+//! - the levels of whole segments, alone and of neighbours together, which show slighter differences in grey.
 //!
 //! What cannot be told: a cover of the ground's own grey whose borders lie in dark segments or on the grid leaves the picture of
 //! another number.
@@ -251,24 +251,43 @@ pub(super) fn ring_evidence(patch: &Patch, fitted: &Fitted) -> Option<RingEviden
     })
 }
 
-/// Departures of the levels of whole segments.
+/// Departures of the levels of whole segments, each alone and in the mean with neighbours of its kind: a cover lies over several, and
+/// their mean is surer than each.
+///
+/// Cost: segments times the longest run of alike ones.
 fn of_levels(patch: &Patch, fitted: &Fitted) -> Vec<f64> {
     // What is uneven round a narrow segment is taken for its level as noise is.
     let uneven = f64::hypot(
         1.0,
         UNEVEN * fitted.scene.light[0] / patch.noise.max(f64::MIN_POSITIVE),
     );
-    let levels = fitted.shares.iter().zip(&fitted.bits).zip(&fitted.sigmas);
-    levels
-        .map(|((share, &light), sigma)| {
-            let (level, even) = if light {
-                (1.0, LIGHT_SEGMENT)
-            } else {
-                (0.0, DARK_SEGMENT)
-            };
-            (share - level).abs() / f64::hypot(even, NOISE_SIGMAS * uneven * sigma)
-        })
-        .collect()
+    let segments = fitted.bits.len();
+    let mut departures = vec![0.0_f64; segments];
+    for first in 0..segments {
+        let light = fitted.bits[first];
+        let (level, even) = if light {
+            (1.0, LIGHT_SEGMENT)
+        } else {
+            (0.0, DARK_SEGMENT)
+        };
+        let (mut off, mut variance) = (0.0, 0.0);
+        let run = (0..segments).map(|k| (first + k) % segments);
+        let alike = run.take_while(|&at| fitted.bits[at] == light);
+        for (at, count) in alike.zip(1..) {
+            off += fitted.shares[at] - level;
+            variance += fitted.sigmas[at].powi(2);
+            let tolerated = f64::hypot(
+                f64::from(count) * even,
+                NOISE_SIGMAS * uneven * variance.sqrt(),
+            );
+            let departure = off.abs() / tolerated;
+            for k in 0..count as usize {
+                let of_run = &mut departures[(first + k) % segments];
+                *of_run = of_run.max(departure);
+            }
+        }
+    }
+    departures
 }
 
 /// The sums over a pixel and its neighbours.
