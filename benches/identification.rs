@@ -5,7 +5,7 @@
 //! - `... -- pictures N [FROM]`: in rendered pictures, second looks included;
 //! - `... -- plot FILE.svg`: what is missed against spacing and noise;
 //! - `... -- growth [N ...]`: cost as the number of images grows (without any 10 to 1000), 5 targets an image;
-//! - `... -- interrupt`: how long a pass goes on after it was asked to stop.
+//! - `... -- interrupt [IMAGES]`: how long a pass goes on after it was asked to stop.
 
 #![allow(clippy::print_stdout, reason = "a program whose result is its table")]
 
@@ -45,7 +45,7 @@ fn main() {
         };
         growth(&sizes);
     } else if has("interrupt") {
-        interrupts();
+        interrupts(numbers.first().map_or(60, |n| *n as usize));
     } else if let Some(file) = words.iter().find(|word| word.ends_with(".svg")) {
         let drawn = recall();
         std::fs::write(file, drawn).expect("a file that can be written");
@@ -242,40 +242,45 @@ fn peak_memory_gb() -> f64 {
     kilobytes.unwrap_or_default() / 1e6
 }
 
-/// Stops a pass of a large measurement at many moments.
-fn interrupts() {
-    let scene = large(60);
+/// How long a pass over so many images goes on after it was asked to stop, at moments spread over it; the longest waits with what was
+/// under way.
+fn interrupts(images: usize) {
+    const MOMENTS: u32 = 60;
+    const SHOWN: usize = 5;
+    let scene = large(images);
     let network = oriented(&scene.network);
     let step = Stage::Identify.next(&network).expect("a pass to make");
     let begun = Instant::now();
     let whole = step.run(&network, &NoPictures, &Monitor::new());
     let whole_s = begun.elapsed().as_secs_f64();
     assert!(whole.is_ok(), "a pass that ends");
-    let mut waits: Vec<f64> = Vec::new();
-    for k in 0..40 {
+    let mut waits: Vec<(f64, f64, String)> = Vec::new();
+    for k in 0..MOMENTS {
         let monitor = Monitor::new();
-        let after = Duration::from_secs_f64(whole_s * (f64::from(k) + 0.5) / 40.0);
+        let after = whole_s * (f64::from(k) + 0.5) / f64::from(MOMENTS);
         let waited = std::thread::scope(|scope| {
             let asked = scope.spawn(|| {
-                std::thread::sleep(after);
+                std::thread::sleep(Duration::from_secs_f64(after));
+                let under_way = monitor.progress().title;
                 monitor.interrupt();
-                Instant::now()
+                (Instant::now(), under_way)
             });
             let ended = step.run(&network, &NoPictures, &monitor);
             let end = Instant::now();
-            let asked = asked.join().expect("a thread that asks");
-            ended
-                .is_err()
-                .then(|| end.saturating_duration_since(asked).as_secs_f64())
+            let (asked, under_way) = asked.join().expect("a thread that asks");
+            let wait = end.saturating_duration_since(asked).as_secs_f64();
+            ended.is_err().then_some((wait, after, under_way))
         });
         waits.extend(waited);
     }
-    waits.sort_by(f64::total_cmp);
+    waits.sort_by(|a, b| b.0.total_cmp(&a.0));
     println!(
-        "a pass of {} dots takes {whole_s:.2} s; stopped at {} moments: median {:.1} ms, longest {:.1} ms",
+        "a pass of {} dots takes {whole_s:.2} s; stopped at {} moments: median {:.1} ms; the longest:",
         scene.truth.values().map(Vec::len).sum::<usize>(),
         waits.len(),
-        1e3 * waits.get(waits.len() / 2).copied().unwrap_or_default(),
-        1e3 * waits.last().copied().unwrap_or_default()
+        1e3 * waits.get(waits.len() / 2).map_or(0.0, |wait| wait.0),
     );
+    for (wait, after, under_way) in waits.iter().take(SHOWN) {
+        println!("{:.1} ms at {after:.2} s ({under_way})", 1e3 * wait);
+    }
 }

@@ -4,11 +4,13 @@
 //! targets are, so rays usually meet several times better than sigma_S says. The residuals of strong intersections tell.
 
 use nalgebra::Vector3;
+use rayon::prelude::*;
 
-use super::intersection::{intersect, ray_covariance};
+use super::intersection::{Intersection, intersect, ray_covariance};
 use super::problem::{IdentificationInput, Member};
 use super::shape::{Disc, ShapeNoise};
 use super::sight::Sight;
+use crate::monitor::{Interrupted, Monitor};
 
 /// Residuals from which a level for all views is taken.
 const ENOUGH_FOR_ALL: usize = 40;
@@ -44,12 +46,20 @@ pub(super) fn measured_extras(
     strong: &[(&[Member], Vector3<f64>)],
     floor: f64,
     ceiling: &[f64],
-) -> Option<Vec<f64>> {
+    monitor: &Monitor,
+) -> Result<Option<Vec<f64>>, Interrupted> {
     let mut by_view: Vec<Vec<f64>> = vec![Vec::new(); sights.len()];
     let mut explained: Vec<(f64, usize)> = vec![(0.0, 0); sights.len()];
     let mut all = Vec::new();
-    for (members, point) in strong {
-        let Some(fit) = intersect(sights, members, point) else {
+    let fits: Vec<Option<Intersection>> = strong
+        .par_iter()
+        .map(|(members, point)| {
+            monitor.check()?;
+            Ok(intersect(sights, members, point))
+        })
+        .collect::<Result<_, Interrupted>>()?;
+    for ((members, _), fit) in strong.iter().zip(fits) {
+        let Some(fit) = fit else {
             continue;
         };
         // The misfit is standardised, so the part of the noise that the point itself swallowed is already given back.
@@ -68,7 +78,7 @@ pub(super) fn measured_extras(
         }
     }
     if all.len() < ENOUGH_FOR_ALL {
-        return None;
+        return Ok(None);
     }
     let common = level(&mut all);
     let of_view = |((view, mut squares), &ceiling): ((usize, Vec<f64>), &f64)| {
@@ -90,14 +100,14 @@ pub(super) fn measured_extras(
         let least = floor.min(ceiling);
         (ALLOWANCE * own).clamp(least, ceiling).powi(2)
     };
-    Some(
+    Ok(Some(
         by_view
             .into_iter()
             .enumerate()
             .zip(ceiling)
             .map(of_view)
             .collect(),
-    )
+    ))
 }
 
 /// How much larger the errors of ellipses are than the settings ask, from strong intersections.
@@ -105,31 +115,39 @@ pub(super) fn measured_shape_scale(
     sights: &[Sight],
     strong: &[(&[Member], Vector3<f64>)],
     noise: &ShapeNoise,
-) -> Option<f64> {
+    monitor: &Monitor,
+) -> Result<Option<f64>, Interrupted> {
     /// Median of chi-square with 3 degrees of freedom.
     const MEDIAN: f64 = 2.366;
     /// Ellipses are never trusted more than this, nor less than before anything was measured.
     const RANGE: [f64; 2] = [0.5, 6.0];
-    let mut misfits = Vec::new();
-    for (members, point) in strong {
+    let of_target = |(members, point): &(&[Member], Vector3<f64>)| {
+        monitor.check()?;
         let Some(disc) = Disc::fitted(sights, members, point, noise) else {
-            continue;
+            return Ok(Vec::new());
         };
         // Three numbers of the disc are taken from the ellipses themselves.
         let rays = members.len() as f64;
         let share = rays / (rays - 1.0).max(1.0);
-        misfits.extend(members.iter().filter_map(|m| {
+        let misfits = members.iter().filter_map(|m| {
             let sight = &sights[m.view];
             sight.dots[m.dot].axes?;
             Some(share * disc.misfit(sight, m.dot, &sight.sighting(point)?, noise))
-        }));
-    }
+        });
+        Ok(misfits.collect())
+    };
+    let by_target: Vec<Vec<f64>> = strong
+        .par_iter()
+        .map(of_target)
+        .collect::<Result<_, Interrupted>>()?;
+    let mut misfits: Vec<f64> = by_target.into_iter().flatten().collect();
     if misfits.len() < ENOUGH_FOR_ALL {
-        return None;
+        return Ok(None);
     }
     misfits.sort_by(f64::total_cmp);
     let median = misfits[misfits.len() / 2];
-    Some((noise.scale * (median / MEDIAN).sqrt() * ALLOWANCE).clamp(RANGE[0], RANGE[1]))
+    let scale = noise.scale * (median / MEDIAN).sqrt() * ALLOWANCE;
+    Ok(Some(scale.clamp(RANGE[0], RANGE[1])))
 }
 
 /// Sigma of a coordinate from squared lengths of plane residuals: their median is `2 ln 2` variances (Rayleigh).

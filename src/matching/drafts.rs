@@ -10,6 +10,7 @@ use super::intersection::{intersect, prediction_misfit};
 use super::problem::{IdentificationSettings, Member};
 use super::shape::{Disc, ShapeNoise};
 use super::sight::Sight;
+use crate::monitor::{Interrupted, Monitor};
 
 /// Where no normal is known: largest angle to a view that does see the point, radians.
 const SEEN_ANGLE: f64 = 1.0;
@@ -80,13 +81,15 @@ pub(super) fn draw_claims(
     verdicts: &[Vec<Verdict>],
     free: &[Vec<bool>],
     bench: &Bench,
-) -> Vec<Draw> {
+    monitor: &Monitor,
+) -> Result<Vec<Draw>, Interrupted> {
     let settings = bench.settings;
     let by_view: Vec<Vec<Draw>> = (0..bench.sights.len())
         .into_par_iter()
         .map(|view| {
+            monitor.check()?;
             let candidates = candidates(bench, drafts, view, free);
-            clear_winners(&candidates, settings.critical_margin)
+            Ok(clear_winners(&candidates, settings.critical_margin)
                 .into_iter()
                 .filter(|c| range.contains(&c.draft) && c.misfit <= settings.critical_ray)
                 .filter(|c| uncontested(&drafts[c.draft], &verdicts[view][c.dot], settings))
@@ -94,10 +97,10 @@ pub(super) fn draw_claims(
                     draft: c.draft,
                     member: Member { view, dot: c.dot },
                 })
-                .collect()
+                .collect())
         })
-        .collect();
-    by_view.into_iter().flatten().collect()
+        .collect::<Result<_, Interrupted>>()?;
+    Ok(by_view.into_iter().flatten().collect())
 }
 
 /// All pairs of draft and free dot in a view that prediction, side and shape allow, rivals beyond the gate included.
@@ -180,17 +183,29 @@ fn one_point(a: (&Vector3<f64>, &Matrix3<f64>), b: (&Vector3<f64>, &Matrix3<f64>
 }
 
 /// Adds the drawn dots and intersects the targets anew; known points stay where they are.
-pub(super) fn extend(sights: &[Sight], noise: &ShapeNoise, drafts: &mut [Draft], draws: &[Draw]) {
+pub(super) fn extend(
+    sights: &[Sight],
+    noise: &ShapeNoise,
+    drafts: &mut [Draft],
+    draws: &[Draw],
+    monitor: &Monitor,
+) -> Result<(), Interrupted> {
     let mut touched = BTreeSet::new();
     for draw in draws {
         drafts[draw.draft].members.push(draw.member);
         touched.insert(draw.draft);
     }
-    for index in touched {
-        let draft = &mut drafts[index];
-        draft.members.sort_unstable();
-        refresh(sights, noise, draft);
-    }
+    drafts
+        .par_iter_mut()
+        .enumerate()
+        .try_for_each(|(index, draft)| {
+            if touched.contains(&index) {
+                monitor.check()?;
+                draft.members.sort_unstable();
+                refresh(sights, noise, draft);
+            }
+            Ok(())
+        })
 }
 
 fn refresh(sights: &[Sight], noise: &ShapeNoise, draft: &mut Draft) {
@@ -223,7 +238,11 @@ pub(super) fn reduce_to_fit(bench: &Bench, draft: &mut Draft) -> Vec<Member> {
 /// A new target that is a known point becomes claims of it.
 ///
 /// Cost: by an index of places, about that of the drafts.
-pub(super) fn merged(bench: &Bench, drafts: Vec<Draft>) -> Vec<Draft> {
+pub(super) fn merged(
+    bench: &Bench,
+    drafts: Vec<Draft>,
+    monitor: &Monitor,
+) -> Result<Vec<Draft>, Interrupted> {
     let reach = |draft: &Draft| {
         let variance = draft.covariance.trace().max(0.0);
         (CRITICAL_POSITION * variance).sqrt()
@@ -240,6 +259,7 @@ pub(super) fn merged(bench: &Bench, drafts: Vec<Draft>) -> Vec<Draft> {
     let mut kept: Vec<Draft> = Vec::with_capacity(drafts.len());
     let mut places: BTreeMap<[i64; 3], Vec<usize>> = BTreeMap::new();
     for draft in drafts {
+        monitor.check()?;
         let home = cell(&draft.point);
         let mut fitting = Vec::new();
         if draft.known.is_none() {
@@ -264,7 +284,7 @@ pub(super) fn merged(bench: &Bench, drafts: Vec<Draft>) -> Vec<Draft> {
         other.rival_rays = other.rival_rays.max(draft.rival_rays);
         refresh(bench.sights, &bench.noise, other);
     }
-    kept
+    Ok(kept)
 }
 
 /// How badly two drafts fit as one target; `None` where they cannot be one.

@@ -42,12 +42,12 @@ pub fn identify(
     let dots: usize = input.views.iter().map(|v| v.dots.len()).sum();
     let task = monitor.task("identifying targets", dots as u64);
     let limits = Limits::new(settings, input.views.len());
-    let mut pass = Pass::new(input, settings, &limits);
+    let mut pass = Pass::new(input, settings, &limits, monitor)?;
     pass.calibrate(&task)?;
     // Dots of known points are not to be found as new targets.
-    pass.extend_drafts(0..input.known.len());
+    pass.extend_drafts(0..input.known.len())?;
     pass.sweep(&task)?;
-    pass.recalibrate();
+    pass.recalibrate()?;
     let mut most_partners = FIRST_PARTNERS;
     for _ in 0..settings.max_rounds {
         let gained = pass.round(most_partners, &task)?;
@@ -57,15 +57,16 @@ pub fn identify(
         if gained * 50 < dots {
             most_partners = usize::MAX;
         }
-        pass.recalibrate();
+        pass.recalibrate()?;
     }
-    Ok(pass.finish())
+    pass.finish()
 }
 
 /// The state of a pass.
 pub(super) struct Pass<'a> {
     pub(super) input: &'a IdentificationInput<'a>,
     pub(super) settings: &'a IdentificationSettings,
+    pub(super) monitor: &'a Monitor,
     pub(super) sights: Vec<Sight>,
     pub(super) limits: &'a Limits,
     pub(super) partners: Vec<Vec<usize>>,
@@ -90,13 +91,17 @@ impl<'a> Pass<'a> {
         input: &'a IdentificationInput,
         settings: &'a IdentificationSettings,
         limits: &'a Limits,
-    ) -> Self {
+        monitor: &'a Monitor,
+    ) -> Result<Self, Interrupted> {
         let broad = broad_sigmas(input);
         let spaces = spaces_of_views(input);
         let views = input.views.par_iter().zip(&broad).zip(spaces);
         let sights: Vec<Sight> = views
-            .map(|((view, &sigma), space)| Sight::new(view, sigma, space))
-            .collect();
+            .map(|((view, &sigma), space)| {
+                monitor.check()?;
+                Ok(Sight::new(view, sigma, space))
+            })
+            .collect::<Result<_, _>>()?;
         let drafts = input
             .known
             .iter()
@@ -118,13 +123,17 @@ impl<'a> Pass<'a> {
                 rival_rays: 0,
             })
             .collect();
-        Self {
+        Ok(Self {
             input,
             settings,
+            monitor,
             partners: partners(input, &sights),
             broad,
             limits,
-            noise: ShapeNoise::unknown(settings),
+            noise: match &input.ellipses {
+                Some(told) => ShapeNoise::told(told),
+                None => ShapeNoise::unknown(settings),
+            },
             pairs: 0,
             orphans: 1.0,
             refused: 0.0,
@@ -140,7 +149,7 @@ impl<'a> Pass<'a> {
                 .collect(),
             sights,
             drafts,
-        }
+        })
     }
 
     pub(super) fn bench(&self) -> Bench<'_> {
@@ -206,32 +215,36 @@ impl<'a> Pass<'a> {
                         .then_some((&best.members[..], best.point))
                 })
                 .collect();
-            self.take_sigmas(&strong);
+            self.take_sigmas(&strong)?;
         }
         Ok(())
     }
 
-    fn recalibrate(&mut self) {
+    fn recalibrate(&mut self) -> Result<(), Interrupted> {
         let drafts = std::mem::take(&mut self.drafts);
         let strong: Vec<(&[Member], Vector3<f64>)> = drafts
             .iter()
             .filter(|d| d.known.is_none() && d.members.len() >= 4)
             .map(|d| (&d.members[..], d.point))
             .collect();
-        self.take_sigmas(&strong);
+        self.take_sigmas(&strong)?;
         self.drafts = drafts;
+        Ok(())
     }
 
-    fn take_sigmas(&mut self, strong: &[(&[Member], Vector3<f64>)]) {
-        if let Some(scale) = measured_shape_scale(&self.sights, strong, &self.noise) {
+    fn take_sigmas(&mut self, strong: &[(&[Member], Vector3<f64>)]) -> Result<(), Interrupted> {
+        if self.input.ellipses.is_none()
+            && let Some(scale) =
+                measured_shape_scale(&self.sights, strong, &self.noise, self.monitor)?
+        {
             self.noise.scale = scale;
         }
         let floor = self.input.image_tolerance_px;
-        if let Some(extras) = measured_extras(&self.sights, strong, floor, &self.broad) {
-            for (sight, extra) in self.sights.iter_mut().zip(extras) {
-                sight.extra_px2 = extra;
-            }
+        let extras = measured_extras(&self.sights, strong, floor, &self.broad, self.monitor)?;
+        for (sight, extra) in self.sights.iter_mut().zip(extras.into_iter().flatten()) {
+            sight.extra_px2 = extra;
         }
+        Ok(())
     }
 
     /// One round; the number of dots that it labelled.
@@ -242,7 +255,7 @@ impl<'a> Pass<'a> {
         let before = self.free_dots().len();
         // What is known takes its dots first: they have not to be searched for.
         let all = self.drafts.len();
-        self.extend_drafts(0..all);
+        self.extend_drafts(0..all)?;
         for (sight, free) in self.sights.iter_mut().zip(&self.free) {
             sight.index_free(free);
         }
@@ -259,33 +272,40 @@ impl<'a> Pass<'a> {
             self.verdicts[seed.view][seed.dot] = verdict;
         }
         let known = self.input.known.len();
-        self.accept(&seeds);
+        self.accept(&seeds)?;
         let accepted = free_before_accepting - self.free_dots().len();
         self.refused = 1.0 - accepted as f64 / readable.max(1) as f64;
-        self.extend_drafts(known..self.drafts.len());
+        self.extend_drafts(known..self.drafts.len())?;
         let drafts = std::mem::take(&mut self.drafts);
-        self.drafts = merged(&self.bench(), drafts);
-        self.drop_misfits();
+        self.drafts = merged(&self.bench(), drafts, self.monitor)?;
+        self.drop_misfits()?;
         Ok(before.saturating_sub(self.free_dots().len()))
     }
 
     /// Gives free dots to existing points by prediction.
-    fn extend_drafts(&mut self, range: std::ops::Range<usize>) {
+    fn extend_drafts(&mut self, range: std::ops::Range<usize>) -> Result<(), Interrupted> {
         let draws: Vec<Draw> = draw_claims(
             &self.drafts,
             range,
             &self.verdicts,
             &self.free,
             &self.bench(),
-        );
+            self.monitor,
+        )?;
         for draw in &draws {
             self.free[draw.member.view][draw.member.dot] = false;
         }
-        extend(&self.sights, &self.noise, &mut self.drafts, &draws);
+        extend(
+            &self.sights,
+            &self.noise,
+            &mut self.drafts,
+            &draws,
+            self.monitor,
+        )
     }
 
     /// Accepts the intersections on which their dots agree, best first.
-    fn accept(&mut self, seeds: &[Member]) {
+    fn accept(&mut self, seeds: &[Member]) -> Result<(), Interrupted> {
         let mut order: Vec<(Member, &Hypothesis)> = seeds
             .iter()
             .filter_map(|&seed| {
@@ -303,6 +323,7 @@ impl<'a> Pass<'a> {
         let mut accepted = Vec::new();
         let mut free = self.free.clone();
         for (seed, hypothesis) in order {
+            self.monitor.check()?;
             let diameter = hypothesis.disc.map(|disc| disc.diameter_mm);
             if !sizes.allow(diameter, hypothesis.members.len()) {
                 continue;
@@ -316,6 +337,7 @@ impl<'a> Pass<'a> {
         }
         self.free = free;
         self.drafts.extend(accepted);
+        Ok(())
     }
 
     /// Sizes of the targets so far and of these readings.
@@ -405,24 +427,31 @@ impl<'a> Pass<'a> {
     }
 
     /// Frees dots that no longer fit their target, and all dots of targets left with too few rays.
-    fn drop_misfits(&mut self) {
+    fn drop_misfits(&mut self) -> Result<(), Interrupted> {
         let known = self.input.known.len();
-        let drafts = std::mem::take(&mut self.drafts);
-        for (index, mut draft) in drafts.into_iter().enumerate() {
-            if index >= known {
-                let dropped = reduce_to_fit(&self.bench(), &mut draft);
-                for member in dropped {
-                    self.free[member.view][member.dot] = true;
-                }
-                if draft.members.len() < self.settings.min_rays.max(3) {
-                    for member in &draft.members {
-                        self.free[member.view][member.dot] = true;
-                    }
-                    continue;
-                }
+        let new_ones = self.drafts.split_off(known);
+        let bench = self.bench();
+        let reduced: Vec<(Draft, Vec<Member>)> = new_ones
+            .into_par_iter()
+            .map(|mut draft| {
+                self.monitor.check()?;
+                let dropped = reduce_to_fit(&bench, &mut draft);
+                Ok((draft, dropped))
+            })
+            .collect::<Result<_, Interrupted>>()?;
+        for (draft, mut dropped) in reduced {
+            let stays = draft.members.len() >= self.settings.min_rays.max(3);
+            if !stays {
+                dropped.extend(&draft.members);
             }
-            self.drafts.push(draft);
+            for member in dropped {
+                self.free[member.view][member.dot] = true;
+            }
+            if stays {
+                self.drafts.push(draft);
+            }
         }
+        Ok(())
     }
 }
 

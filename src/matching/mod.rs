@@ -25,12 +25,14 @@
 //! 7. **Pairs that are left** on the surface of the targets are told: a third image may show them to who looks for them.
 //!
 //! What neither dots nor precision explain of the residuals is measured from strong intersections; for views whose precision nobody
-//! told, sigma_S bounds it. What stays ambiguous waits for better orientations: adjust, and call [`identify`] again.
+//! told, sigma_S bounds it. How exact ellipses are is told by the targets that have names ([`EllipsePrecision`]), or else by strong
+//! intersections as well. What stays ambiguous waits for better orientations: adjust, and call [`identify`] again.
 //!
 //! The paper's own rule, its threshold alone, stands beside it as [`identify_by_threshold`].
 
 mod calibration;
 mod drafts;
+mod ellipses;
 mod hypothesis;
 mod identify;
 mod intersection;
@@ -47,6 +49,7 @@ mod surface;
 mod sweep;
 mod threshold;
 
+pub use ellipses::{EllipsePair, EllipsePrecision};
 pub use identify::identify;
 pub use paper_rule::identify_by_threshold;
 pub use predictor::Predictor;

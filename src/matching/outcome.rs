@@ -12,9 +12,10 @@ use super::problem::{
     Claim, Identification, KnownCircle, Leftover, LeftoverReason, Member, Pair, Track,
 };
 use super::sizes::Sizes;
+use crate::monitor::Interrupted;
 
 impl Pass<'_> {
-    pub(super) fn finish(self) -> Identification {
+    pub(super) fn finish(self) -> Result<Identification, Interrupted> {
         let mut result = Identification {
             unexplained_px: self.sights.iter().map(|s| s.extra_px2.sqrt()).collect(),
             ..Identification::default()
@@ -24,16 +25,17 @@ impl Pass<'_> {
         let leftover: Vec<Vec<Leftover>> = (0..self.sights.len())
             .into_par_iter()
             .map(|view| {
+                self.monitor.check()?;
                 let places = Places::of(&self, view);
                 let reasons = self.free_dots_of(view).map(|member| Leftover {
                     member,
                     reason: self.reason(&places, &sizes, member),
                 });
-                reasons.collect()
+                Ok(reasons.collect())
             })
-            .collect();
+            .collect::<Result<_, Interrupted>>()?;
         result.leftover = leftover.into_iter().flatten().collect();
-        result.pairs = self.pairs_left();
+        result.pairs = self.pairs_left()?;
         for draft in &self.drafts {
             if let Some(known) = draft.known {
                 result
@@ -49,11 +51,11 @@ impl Pass<'_> {
         }
         result.claims.sort_by_key(|c| (c.member, c.known));
         result.tracks.sort_by(|a, b| a.members.cmp(&b.members));
-        result
+        Ok(result)
     }
 
     /// Pairs of free dots on the surface that the accepted targets show. A dot of which there are many tells nothing.
-    fn pairs_left(&self) -> Vec<Pair> {
+    fn pairs_left(&self) -> Result<Vec<Pair>, Interrupted> {
         /// Partner views that are asked.
         const PARTNERS: usize = 10;
         /// Most pairs of a dot that are told.
@@ -61,22 +63,26 @@ impl Pass<'_> {
         let surface = self.surface();
         let bench = self.bench();
         let of_dot = |seed: &Member| {
+            self.monitor.check()?;
             let pairs = bench.pairs_on_surface(*seed, &surface, PARTNERS);
             if pairs.len() > MOST {
-                Vec::new()
+                Ok(Vec::new())
             } else {
-                pairs
+                Ok(pairs)
             }
         };
         let seeds = self.free_dots();
-        let found: Vec<Vec<Pair>> = seeds.par_iter().map(of_dot).collect();
+        let found: Vec<Vec<Pair>> = seeds
+            .par_iter()
+            .map(of_dot)
+            .collect::<Result<_, Interrupted>>()?;
         let mut pairs: Vec<Pair> = found.into_iter().flatten().collect();
         for pair in &mut pairs {
             pair.members.sort_unstable();
         }
         pairs.sort_by_key(|pair| pair.members);
         pairs.dedup_by_key(|pair| pair.members);
-        pairs
+        Ok(pairs)
     }
 
     fn distance_px(&self, draft: &Draft, member: Member) -> f64 {

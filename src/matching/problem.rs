@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::ellipses::EllipsePrecision;
 use crate::camera::Camera;
 use crate::geometry::Pose;
 
@@ -151,6 +152,8 @@ pub struct IdentificationInput<'a> {
     /// How far dots lie from the places that *good* orientations predict, px, one sigma of a coordinate, in views whose precision
     /// nobody told.
     pub image_tolerance_px: f64,
+    /// How exact the dots' ellipses are; `None` where no named targets tell it yet.
+    pub ellipses: Option<EllipsePrecision>,
 }
 
 /// Thresholds of identification.

@@ -9,6 +9,7 @@
 
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector3};
 
+use super::ellipses::EllipsePrecision;
 use super::problem::{IdentificationSettings, Member};
 use super::sight::{Sight, Sighting};
 
@@ -40,6 +41,15 @@ impl ShapeNoise {
             axis_px: settings.axis_sigma_px,
             share: settings.axis_share,
             scale: Self::UNKNOWN,
+        }
+    }
+
+    /// As the dots that have names tell it.
+    pub(super) fn told(precision: &EllipsePrecision) -> Self {
+        Self {
+            axis_px: precision.axis_px,
+            share: precision.share,
+            scale: 1.0,
         }
     }
 

@@ -283,6 +283,7 @@ impl Scene {
             space: self.space,
             station_sigma_mm,
             image_tolerance_px,
+            ellipses: None,
         }
     }
 

@@ -37,13 +37,13 @@ impl Pass<'_> {
             let found = self.search(&seeds, SWEEP_PARTNERS, task)?;
             let tried = self.pairs + found.iter().map(|v| v.pairs).sum::<usize>();
             self.pairs = tried;
-            self.accept_undoubted(&seeds, &found);
+            self.accept_undoubted(&seeds, &found)?;
         }
         Ok(())
     }
 
     /// Accepts what many rays agree on and nothing competes with.
-    fn accept_undoubted(&mut self, seeds: &[Member], found: &[Verdict]) {
+    fn accept_undoubted(&mut self, seeds: &[Member], found: &[Verdict]) -> Result<(), Interrupted> {
         let mut claims: BTreeMap<Member, Vec<usize>> = BTreeMap::new();
         for (index, verdict) in found.iter().enumerate() {
             for hypothesis in verdict.best.iter().chain(&verdict.rival) {
@@ -74,6 +74,7 @@ impl Pass<'_> {
         });
         let mut touched = BTreeSet::new();
         for (_, verdict, best) in order {
+            self.monitor.check()?;
             let is_free = |m: &Member| self.free[m.view][m.dot];
             // Another reading of a dot of it, by any dot of these views, must be the same target or much weaker.
             let competes = |index: &usize| {
@@ -113,6 +114,7 @@ impl Pass<'_> {
         for view in touched {
             self.sights[view].index_free(&self.free[view]);
         }
+        Ok(())
     }
 }
 

@@ -163,7 +163,10 @@ fn settle_circles(network: &mut Network, stage: Stage, monitor: &Monitor) -> Res
     let task = monitor.task("Estimating circles", 0);
     for round in 0..=rounds {
         task.step()?;
-        let (before, now) = (circles::carried(network), circles::estimated(network));
+        let (before, now) = (
+            circles::carried(network),
+            circles::estimated(network, monitor)?,
+        );
         let change = circles::largest_change(network, &before, &now);
         circles::carry(network, &now);
         if round == rounds || (round > 0 && change < SETTLED_PX) {

@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 use super::circles::{SETTLED_PX, carried, estimated, largest_change};
 use super::trial::{code_panel, measured, run};
 use crate::geometry::{AxisOrder, ThreeTwoOne};
+use crate::monitor::Monitor;
 use crate::network::{Frame, Network, Stage};
 use crate::project::edit::Edit;
 
@@ -36,7 +37,10 @@ fn plane_of_panel(network: &Network) -> Vector3<f64> {
 #[test]
 fn dots_of_codes_have_the_normal_of_their_plane_and_nothing_changes_any_more() {
     let network = run(measured(&code_panel(6)), Stage::AdjustCodes);
-    let (carried, again) = (carried(&network), estimated(&network));
+    let (carried, again) = (
+        carried(&network),
+        estimated(&network, &Monitor::new()).expect("nobody interrupts"),
+    );
     assert_eq!(carried.len(), network.points.len());
     assert!(largest_change(&network, &carried, &again) < SETTLED_PX);
     assert!(largest_change(&network, &carried, &Default::default()) > 10.0 * SETTLED_PX);

@@ -12,8 +12,11 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::adjustment::{EllipseSight, MeasuredEllipse, estimate_circle, estimate_radius};
+use crate::camera::EllipseImage;
 use crate::geometry::{Circle, fit_plane};
-use crate::network::{Network, PointId};
+use crate::matching::{EllipsePair, EllipsePrecision};
+use crate::monitor::{Interrupted, Monitor};
+use crate::network::{ImageEntry, ImageId, Network, PointId, Station};
 use crate::targets::Family;
 
 /// Eccentricities that change by less than this, px, are settled: a hundredth of what the best dots' sigmas are.
@@ -39,32 +42,38 @@ const NEIGHBOURS: usize = 6;
 pub(super) type Circles = BTreeMap<PointId, Circle>;
 
 /// The circles of all points that two or more oriented images show.
-pub(super) fn estimated(network: &Network) -> Circles {
+///
+/// # Errors
+/// [`Interrupted`] when the work was asked to stop.
+pub(super) fn estimated(network: &Network, monitor: &Monitor) -> Result<Circles, Interrupted> {
     let sights = sights_of_points(network);
     let planes = planes_of_codes(network);
     let points: Vec<(PointId, Vec<EllipseSight>)> =
         sights.into_iter().filter(|(_, s)| s.len() > 1).collect();
-    points
-        .par_iter()
-        .filter_map(|(id, sights)| {
-            let normal = match planes.get(id) {
-                Some(normal) => *normal,
-                None => {
-                    let agreed = estimate_circle(sights)
-                        .filter(|found| found.sigma_normal <= LOOSEST_NORMAL);
-                    match agreed {
-                        Some(found) => return Some((*id, found.circle)),
-                        None => normal_of_neighbours(network, *id)?,
-                    }
+    let circle = |(id, sights): &(PointId, Vec<EllipseSight>)| {
+        let normal = match planes.get(id) {
+            Some(normal) => *normal,
+            None => {
+                let agreed =
+                    estimate_circle(sights).filter(|found| found.sigma_normal <= LOOSEST_NORMAL);
+                match agreed {
+                    Some(found) => return Some((*id, found.circle)),
+                    None => normal_of_neighbours(network, *id)?,
                 }
-            };
-            let radius_mm =
-                estimate_radius(sights, &normal).unwrap_or_else(|| nominal_radius(network, *id));
-            Some((*id, Circle { normal, radius_mm }))
+            }
+        };
+        let radius_mm =
+            estimate_radius(sights, &normal).unwrap_or_else(|| nominal_radius(network, *id));
+        Some((*id, Circle { normal, radius_mm }))
+    };
+    let circles: Vec<Option<(PointId, Circle)>> = points
+        .par_iter()
+        .map(|point| {
+            monitor.check()?;
+            Ok(circle(point))
         })
-        .collect::<Vec<_>>()
-        .into_iter()
-        .collect()
+        .collect::<Result<_, Interrupted>>()?;
+    Ok(circles.into_iter().flatten().collect())
 }
 
 /// The circles that the points carry.
@@ -87,9 +96,9 @@ pub(super) fn carry(network: &mut Network, circles: &Circles) {
 
 /// The largest change of an eccentricity, px, over all used dots.
 pub(super) fn largest_change(network: &Network, before: &Circles, after: &Circles) -> f64 {
-    let mut largest = 0.0_f64;
-    for (_, image, station) in network.oriented_images() {
+    let of_image = |(_, image, station): &(ImageId, &ImageEntry, &Station)| {
         let camera = &network.camera_of(image).camera;
+        let mut largest = 0.0_f64;
         for (_, label) in image.used_labels() {
             let Some(point) = network.points.get(&label.point) else {
                 continue;
@@ -102,13 +111,54 @@ pub(super) fn largest_change(network: &Network, before: &Circles, after: &Circle
                 eccentricity(before).unwrap_or_default() - eccentricity(after).unwrap_or_default();
             largest = largest.max(change.norm());
         }
-    }
-    largest
+        largest
+    };
+    let images: Vec<_> = network.oriented_images().collect();
+    images.par_iter().map(of_image).reduce(|| 0.0, f64::max)
 }
 
 /// The largest eccentricity of a used dot, px; 0 where no circle is known.
 pub(super) fn largest_eccentricity(network: &Network) -> f64 {
     largest_change(network, &carried(network), &Circles::new())
+}
+
+/// How exact the ellipses of the plain targets are, from those that carry a circle; `None` before there are enough. Dots of codes do
+/// not tell: they may be printed where targets are glued.
+pub(super) fn ellipse_precision(network: &Network) -> Option<EllipsePrecision> {
+    let of_image = |(_, image, station): &(ImageId, &ImageEntry, &Station)| {
+        let mut pairs = Vec::new();
+        let Some(detections) = &image.detections else {
+            return pairs;
+        };
+        let camera = &network.camera_of(image).camera;
+        for (dot, label) in image.used_labels() {
+            if !matches!(label.point, PointId::Target(_)) {
+                continue;
+            }
+            let point = network.points.get(&label.point);
+            let expected = point.and_then(|point| {
+                let circle = point.circle.as_ref()?;
+                camera.ellipse_of_target(&station.pose, &point.position, circle)
+            });
+            if let (Some(point), Some(expected)) = (point, expected) {
+                let dot = &detections.dots[dot.slot()];
+                let measured = EllipseImage {
+                    major_px: dot.major_px,
+                    minor_px: dot.minor_px,
+                    angle: dot.angle,
+                };
+                pairs.push(EllipsePair {
+                    measured,
+                    expected,
+                    rays: point.rays as usize,
+                });
+            }
+        }
+        pairs
+    };
+    let images: Vec<_> = network.oriented_images().collect();
+    let pairs: Vec<Vec<EllipsePair>> = images.par_iter().map(of_image).collect();
+    EllipsePrecision::measured(&pairs.concat())
 }
 
 /// The ellipses of every point with coordinates, in the order of the images.

@@ -15,7 +15,7 @@ use crate::matching::{
     LeftoverReason, Member, ObjectSpace, OrientationPrecision, Track, View, ViewDot, identify,
     identify_by_threshold,
 };
-use crate::monitor::Monitor;
+use crate::monitor::{Interrupted, Monitor};
 use crate::network::{
     AdjustmentResult, CameraId, Connectivity, Finding, IdentificationPass, IdentificationRule,
     ImageEntry, ImageId, Label, Network, Point, PointId, ScaleSource, Source, Stage, Station,
@@ -71,7 +71,7 @@ pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> 
         known,
         known_ids,
         neighbours,
-    } = Scene::of(network);
+    } = Scene::of(network, monitor)?;
     let sigma_station_mm = network
         .adjustment
         .as_ref()
@@ -90,6 +90,7 @@ pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> 
             space,
             station_sigma_mm: sigma_station_mm,
             image_tolerance_px: tolerance_px(network),
+            ellipses: circles::ellipse_precision(network),
         };
         let settings = IdentificationSettings {
             min_rays: network.settings.min_rays as usize,
@@ -156,10 +157,11 @@ struct Scene {
 }
 
 impl Scene {
-    fn of(network: &Network) -> Self {
+    fn of(network: &Network, monitor: &Monitor) -> Result<Self, Interrupted> {
         let mut views = Vec::new();
         let mut images = Vec::new();
         for (id, image, station) in network.oriented_images() {
+            monitor.check()?;
             let Some(detections) = &image.detections else {
                 continue;
             };
@@ -195,16 +197,16 @@ impl Scene {
         let (known_ids, known): (Vec<PointId>, Vec<KnownPoint>) =
             known_points(network, &images).into_iter().unzip();
         let neighbours = match network.settings.identification {
-            IdentificationRule::Statistics => neighbours(&views, &known),
+            IdentificationRule::Statistics => neighbours(&views, &known, monitor)?,
             IdentificationRule::Paper => sharing_codes(network, &images),
         };
-        Self {
+        Ok(Self {
             views,
             images,
             known,
             known_ids,
             neighbours,
-        }
+        })
     }
 }
 
@@ -246,13 +248,18 @@ fn sharing_codes(network: &Network, images: &[ImageId]) -> Vec<Vec<usize>> {
 /// paper has it, is more than needs be.
 ///
 /// Cost: a bit for each pair of views and known point.
-fn neighbours(views: &[ImageView], known: &[KnownPoint]) -> Vec<Vec<usize>> {
+fn neighbours(
+    views: &[ImageView],
+    known: &[KnownPoint],
+    monitor: &Monitor,
+) -> Result<Vec<Vec<usize>>, Interrupted> {
     /// Largest angle to the normal, as a cosine, at which a target is seen.
     const LEAST_COSINE: f64 = 0.25;
     /// Without a normal: largest angle to a view that does see the point, as a cosine.
     const LEAST_COSINE_BETWEEN: f64 = 0.5;
     let centres: Vec<_> = views.iter().map(|v| v.view.pose.centre_in_world).collect();
     let shown = |(index, view): (usize, &ImageView)| {
+        monitor.check()?;
         let View { camera, pose, .. } = &view.view;
         let mut bits = vec![0_u64; known.len().div_ceil(64)];
         for (place, point) in known.iter().enumerate() {
@@ -272,16 +279,20 @@ fn neighbours(views: &[ImageView], known: &[KnownPoint]) -> Vec<Vec<usize>> {
                 bits[place / 64] |= 1 << (place % 64);
             }
         }
-        bits
+        Ok(bits)
     };
-    let shown: Vec<Vec<u64>> = views.par_iter().enumerate().map(shown).collect();
+    let shown: Vec<Vec<u64>> = views
+        .par_iter()
+        .enumerate()
+        .map(shown)
+        .collect::<Result<_, Interrupted>>()?;
     let share = |a: usize, b: usize| shown[a].iter().zip(&shown[b]).any(|(x, y)| x & y != 0);
     let of_view = |a: usize| {
         (0..views.len())
             .filter(|b| *b != a && share(a, *b))
             .collect()
     };
-    (0..views.len()).into_par_iter().map(of_view).collect()
+    Ok((0..views.len()).into_par_iter().map(of_view).collect())
 }
 
 /// Whether a dot has no name that holds: none, or that of a code which only this image shows.

@@ -81,10 +81,13 @@ impl Verdict {
             *seen.entry(*truth).or_default() += 1;
         }
         let owners = owners(scene, network);
+        // A name in an image that is not oriented, of a code which no other shows, is no point yet.
+        let mut points = owners.clone();
+        points.retain(|point, _| network.points.contains_key(point));
         let mut verdict = Self {
             images: scene.truth.len(),
             oriented: network.oriented_images().count(),
-            split: split(&owners),
+            split: split(&points),
             ..Self::default()
         };
         for (id, truths) in &scene.truth {
