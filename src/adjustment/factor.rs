@@ -1,21 +1,16 @@
 //! The reduced system made regular by the datum, its factorisation and inverse, and what is loose where it is singular.
 
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::llt::factor;
-use faer::linalg::matmul::triangular;
-use faer::linalg::triangular_solve;
-use faer::reborrow::{Reborrow as _, ReborrowMut as _};
-use faer::{Accum, Par, Spec};
 use nalgebra::{DMatrix, DVector, Vector3};
 use rayon::prelude::*;
 
 use super::AdjustmentError;
 use super::block_matrix::BlockMatrix;
 use super::datum::FreeMotions;
+use super::dense_front::eliminate;
 use super::equations::State;
 use super::layout::Layout;
 use super::normals::{Normals, PIVOT_FLOOR};
-use super::selected_inverse::{SelectedInverse, view_mut};
+use super::selected_inverse::SelectedInverse;
 use super::structure::{Front, Structure};
 
 /// Eigenvalues of the scaled normal matrix below this belong to the null space that an error names.
@@ -23,9 +18,6 @@ const NULL_EIGENVALUE: f64 = 1e-11;
 
 /// An unknown is named in a rank defect when it moves at least this part of the one that moves most.
 const NAMED_SHARE: f64 = 0.1;
-
-/// One thread, so that the sums have one order.
-const PAR: Par = Par::Seq;
 
 /// Reduced systems up to so many unknowns are looked into for what is loose.
 const UNKNOWNS_TO_LOOK_INTO: usize = 3000;
@@ -61,8 +53,7 @@ impl Factor {
             return Err(rank_defect(normals, layout, state, free, loose));
         }
         let scale = diagonal.map(|d| 1.0 / d.sqrt());
-        let mut matrix = normals.reduced.clone();
-        scale_blocks(&mut matrix, structure, &scale);
+        let mut matrix = normals.reduced.scaled(structure, &scale);
         add_datum(
             &mut matrix,
             structure,
@@ -75,31 +66,42 @@ impl Factor {
     }
 
     /// The solution for one right side; `structure` is that of the layout it was made with.
+    ///
+    /// Cost: the entries of the factor, twice.
     pub(super) fn solve(&self, structure: &Structure, right_side: &DVector<f64>) -> DVector<f64> {
         let mut solution = right_side.component_mul(&self.scale);
         let rows = |front: &Front| -> Vec<usize> {
             let blocks = front.blocks.iter();
             blocks.flat_map(|&block| structure.range(block)).collect()
         };
+        let gathered = |solution: &DVector<f64>, rows: &[usize]| -> Vec<f64> {
+            rows.iter().map(|&row| solution[row]).collect()
+        };
         for (front, factor) in structure.fronts.iter().zip(&self.fronts) {
             let rows = rows(front);
-            for j in 0..front.width() {
-                let column = factor.columns.column(j);
-                let value = solution[rows[j]] / column[j];
-                solution[rows[j]] = value;
-                for i in j + 1..rows.len() {
-                    solution[rows[i]] -= column[i] * value;
+            let mut own = gathered(&solution, &rows);
+            for (j, column) in factor.columns.column_iter().enumerate() {
+                own[j] /= column[j];
+                let value = own[j];
+                let below = column.as_slice()[j + 1..].iter();
+                for (to, entry) in own[j + 1..].iter_mut().zip(below) {
+                    *to -= entry * value;
                 }
+            }
+            for (&row, value) in rows.iter().zip(own) {
+                solution[row] = value;
             }
         }
         for (front, factor) in structure.fronts.iter().zip(&self.fronts).rev() {
             let rows = rows(front);
-            for j in (0..front.width()).rev() {
-                let column = factor.columns.column(j);
-                let below: f64 = (j + 1..rows.len())
-                    .map(|i| column[i] * solution[rows[i]])
-                    .sum();
-                solution[rows[j]] = (solution[rows[j]] - below) / column[j];
+            let mut own = gathered(&solution, &rows);
+            for (j, column) in factor.columns.column_iter().enumerate().rev() {
+                let below = column.as_slice()[j + 1..].iter().zip(&own[j + 1..]);
+                let below: f64 = below.map(|(entry, value)| entry * value).sum();
+                own[j] = (own[j] - below) / column[j];
+            }
+            for (&row, value) in rows[..front.width()].iter().zip(own) {
+                solution[row] = value;
             }
         }
         solution.component_mul(&self.scale)
@@ -108,22 +110,6 @@ impl Factor {
     /// The inverse of the regularised reduced matrix where the factor has entries.
     pub(super) fn inverse(&self, structure: &Structure) -> SelectedInverse {
         SelectedInverse::of(structure, &self.fronts, &self.scale)
-    }
-}
-
-fn scale_blocks(matrix: &mut BlockMatrix, structure: &Structure, scale: &DVector<f64>) {
-    for (block, values) in matrix.columns.iter_mut().enumerate() {
-        let column = &structure.columns[block];
-        let height = column.offsets[column.rows.len()].max(1);
-        for (j, values) in structure.range(block).zip(values.chunks_mut(height)) {
-            let rows = column
-                .rows
-                .iter()
-                .flat_map(|&row| structure.range(row as usize));
-            for (value, i) in values.iter_mut().zip(rows) {
-                *value *= scale[i] * scale[j];
-            }
-        }
     }
 }
 
@@ -252,11 +238,9 @@ fn assemble(values: &mut DMatrix<f64>, structure: &Structure, matrix: &BlockMatr
         let (Some(at_row), Some(at_column)) = (place(row), place(column)) else {
             continue;
         };
-        let height = block.offsets[block.rows.len()];
-        let offset = block.offsets[entry];
-        let rows = block.offsets[entry + 1] - offset;
-        for j in 0..block.offsets[1] {
-            let from = &matrix.columns[column][j * height + offset..][..rows];
+        let height = structure.range(row).len();
+        let values_of_block = matrix.block(structure, column, entry).chunks(height);
+        for (j, from) in values_of_block.enumerate() {
             for (i, value) in from.iter().enumerate() {
                 let (p, q) = (at_row + i, at_column + j);
                 // A block on the diagonal has its upper triangle unset.
@@ -266,45 +250,6 @@ fn assemble(values: &mut DMatrix<f64>, structure: &Structure, matrix: &BlockMatr
             }
         }
     }
-}
-
-/// Replaces the first columns of a lower triangle by those of its Cholesky factor, and the rest by what is left.
-fn eliminate(values: &mut DMatrix<f64>, width: usize) -> Result<(), factor::LltError> {
-    let whole = view_mut(values);
-    let size = whole.nrows();
-    let (mut own, _, mut below, mut rest) = whole.split_at_mut(width, width);
-    let mut memory = MemBuffer::new(factor::cholesky_in_place_scratch::<f64>(
-        width,
-        PAR,
-        Spec::default(),
-    ));
-    factor::cholesky_in_place(
-        own.rb_mut(),
-        factor::LltRegularization::default(),
-        PAR,
-        MemStack::new(&mut memory),
-        Spec::default(),
-    )?;
-    if size == width {
-        return Ok(());
-    }
-    triangular_solve::solve_lower_triangular_in_place(
-        own.rb(),
-        below.rb_mut().transpose_mut(),
-        PAR,
-    );
-    triangular::matmul(
-        rest.rb_mut(),
-        triangular::BlockStructure::TriangularLower,
-        Accum::Add,
-        below.rb(),
-        triangular::BlockStructure::Rectangular,
-        below.rb().transpose(),
-        triangular::BlockStructure::Rectangular,
-        -1.0,
-        PAR,
-    );
-    Ok(())
 }
 
 /// `D S D + B B^T`, lower triangle, with `B` the orthonormalised `D^-1 null_vectors`.
@@ -512,6 +457,30 @@ mod tests {
                     for (b, &j) in unknowns.iter().enumerate() {
                         let off = among[(a, b)] - whole[(i, j)];
                         assert!(off.abs() < 1e-12 * whole.amax(), "{seed}: {off}");
+                    }
+                }
+                let mut place = 0;
+                let with_places = blocks.iter().map(|&block| {
+                    place += structure.range(block).len();
+                    (block, place - structure.range(block).len())
+                });
+                let with_places: Vec<(usize, usize)> = with_places.collect();
+                let columns: Vec<[f64; 4]> = (0..unknowns.len())
+                    .map(|k| [k as f64, 1.0, (k as f64).cos(), 0.0])
+                    .collect();
+                let twice = [(); 2].map(|()| super::super::selected_inverse::Factor {
+                    blocks: &with_places,
+                    columns: &columns,
+                });
+                let products = inverse.times(&structure, twice.into());
+                assert_eq!(products[0], products[1]);
+                let product = &products[0];
+                for (a, &i) in unknowns.iter().enumerate() {
+                    for axis in 0..4 {
+                        let rows = unknowns.iter().zip(&columns);
+                        let wanted: f64 = rows.map(|(&j, row)| whole[(i, j)] * row[axis]).sum();
+                        let off = product[a][axis] - wanted;
+                        assert!(off.abs() < 1e-11 * whole.amax(), "{seed}: {off}");
                     }
                 }
             }

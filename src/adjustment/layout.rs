@@ -1,6 +1,8 @@
 //! Which unknown stands where: stations, cameras and the ends of distances are kept in the reduced system, all other
 //! points are eliminated.
 
+use std::ops::Range;
+
 use super::error::{ParameterName, ProblemPart, StationComponent};
 use super::structure::{Structure, spread_stations};
 use super::{AdjustmentError, BundleProblem, CoordinatePrior, ParameterState, PointBlock, Sharing};
@@ -49,20 +51,44 @@ pub(super) struct PointFrame {
 }
 
 impl PointFrame {
-    /// The rays that may touch a block of this width whose unknowns have their places from here on: every ray touches a camera or,
-    /// where the point is kept, the point; the unknowns of a station are touched by its own rays alone.
-    pub(super) fn rays_of(&self, place: usize, width: usize) -> &[Ray] {
-        let own = 6 * self.stations..self.own_end;
-        let at = |ray: &Ray| match own.contains(&place) {
-            true => ray.own_at,
-            false => ray.station_at,
-        };
-        if place >= own.end {
-            return &self.rays;
+    /// The block whose unknowns begin at a place.
+    pub(super) fn block_at(&self, place: usize) -> usize {
+        match place < 6 * self.stations {
+            true => self.blocks[place / 6].0,
+            false => self.blocks[self.blocks.partition_point(|(_, at)| *at < place)].0,
         }
-        let before = |limit: usize| self.rays.partition_point(|ray| at(ray) < limit);
-        &self.rays[before(place)..before(place + width)]
     }
+
+    /// The places of one of its blocks.
+    pub(super) fn places(&self, at: usize) -> Range<usize> {
+        let end = self.blocks.get(at + 1).map_or(self.index.len(), |next| next.1);
+        self.blocks[at].1..end
+    }
+
+    /// The rays that may touch one of its blocks: every ray touches a camera or, where the point is kept, the point; the unknowns of
+    /// a station are touched by its own rays alone.
+    fn rays_of(&self, at: usize) -> Range<usize> {
+        let places = self.places(at);
+        let of_ray = |ray: &Ray| match places.start < 6 * self.stations {
+            true => ray.station_at,
+            false => ray.own_at,
+        };
+        if places.start >= self.own_end {
+            return 0..self.rays.len();
+        }
+        let before = |limit: usize| self.rays.partition_point(|ray| of_ray(ray) < limit);
+        before(places.start)..before(places.end)
+    }
+}
+
+/// A point that has to do with a block of unknowns.
+#[derive(Clone, Debug)]
+pub(super) struct FrameOfBlock {
+    pub(super) frame: usize,
+    /// Which of the frame's blocks it is.
+    pub(super) at: usize,
+    /// The rays that may touch it.
+    pub(super) rays: Range<usize>,
 }
 
 /// The order of the unknowns.
@@ -90,8 +116,8 @@ pub(super) struct Layout {
     pub(super) datum_points: Vec<usize>,
     /// Where the reduced system has entries.
     pub(super) structure: Structure,
-    /// The frames that have to do with each block, with the block's first place in them.
-    pub(super) frames_of_block: Vec<Vec<(usize, usize)>>,
+    /// By block, the points that have to do with it.
+    pub(super) frames_of_block: Vec<Vec<FrameOfBlock>>,
 }
 
 impl Layout {
@@ -204,8 +230,12 @@ impl Layout {
         );
         let mut frames_of_block = vec![Vec::new(); layout.structure.blocks()];
         for (index, frame) in layout.frames.iter().enumerate() {
-            for &(block, place) in &frame.blocks {
-                frames_of_block[block].push((index, place));
+            for (at, &(block, _)) in frame.blocks.iter().enumerate() {
+                frames_of_block[block].push(FrameOfBlock {
+                    frame: index,
+                    at,
+                    rays: frame.rays_of(at),
+                });
             }
         }
         layout.frames_of_block = frames_of_block;
@@ -223,6 +253,15 @@ impl Layout {
 
     pub(super) fn takes_part(&self, point: usize) -> bool {
         self.roles[point] != PointRole::Absent
+    }
+
+    /// The blocks of a station's unknowns: its own, those that its camera has for this image alone and for all of its images.
+    pub(super) fn station_blocks(&self, station: usize) -> Vec<usize> {
+        let shared = self.shared_parameters(self.camera_of[station]).next();
+        let own = self.own_parameters(station).next();
+        let interior = own.into_iter().chain(shared);
+        let interior = interior.map(|first| self.structure.block_of(first.at));
+        std::iter::once(station).chain(interior).collect()
     }
 
     /// All unknowns, those of eliminated points included.

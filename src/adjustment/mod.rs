@@ -31,10 +31,12 @@
 //! Invariant: results do not depend on the number of threads. Chunks follow from the problem alone and sums run in
 //! their order.
 
+mod block_columns;
 mod block_matrix;
 mod circle;
 mod components;
 mod datum;
+mod dense_front;
 mod derived;
 mod equations;
 mod error;
@@ -43,8 +45,10 @@ mod frame;
 mod interior;
 mod known;
 mod layout;
+mod neighbourhoods;
 mod normals;
 mod problem;
+mod ray_rows;
 mod rejection;
 mod rejection_settings;
 mod result;

@@ -3,20 +3,27 @@
 //! First every point is looked at by itself; then the reduced system is summed by block columns, each by one thread and over its
 //! points in their order. So a sum has one order on any number of threads, and nothing is summed twice.
 
-use std::ops::Deref;
-
-use nalgebra::{Cholesky, DVector, Matrix3, SMatrix, Vector2, Vector3};
-use pulp::{Arch, NullaryFnOnce};
+use nalgebra::{Cholesky, DVector, Matrix3, Vector3};
+use pulp::Arch;
 use rayon::prelude::*;
 
+use super::block_columns::{BlockColumns, ColumnSum, System};
 use super::block_matrix::BlockMatrix;
 use super::equations::{Equations, State};
 use super::interior::interior_priors;
-use super::layout::{Layout, PointFrame, PointRole, Ray};
+use super::layout::{FrameOfBlock, Layout, PointFrame, PointRole};
+use super::neighbourhoods::neighbourhoods;
 use super::{AdjustmentError, BundleProblem, ParameterName};
 
 /// A pivot below this part of the unknown's own normal matrix diagonal is rounding: the unknown is not determined.
 pub(super) const PIVOT_FLOOR: f64 = 1e-13;
+
+/// Points of a camera over which a sum is made at once.
+const FRAMES_AT_ONCE: usize = 256;
+
+/// Most stations whose columns are summed together, and into how many groups all are parted at least.
+const STATIONS_AT_ONCE: usize = 8;
+const LEAST_GROUPS: usize = 32;
 
 /// The coupling `Y` of an eliminated point, coordinate by coordinate; places as in [`PointFrame::index`].
 #[derive(Clone, Debug)]
@@ -31,6 +38,10 @@ pub(super) struct PointNormal {
 }
 
 impl Coupling {
+    pub(super) fn axes(&self) -> [&[f64]; 3] {
+        self.0.each_ref().map(Vec::as_slice)
+    }
+
     fn zeros(places: usize) -> Self {
         Self(std::array::from_fn(|_| vec![0.0; places]))
     }
@@ -68,59 +79,6 @@ enum Looked {
     Eliminated(PointNormal),
     /// Its rays do not intersect.
     Loose,
-}
-
-/// The columns of a block of the reduced system.
-struct BlockColumns<'a> {
-    block: usize,
-    /// Unknowns of the block.
-    width: usize,
-    height: usize,
-    /// Columns one after the other.
-    values: Vec<f64>,
-    right_side: Vec<f64>,
-    diagonal: Vec<f64>,
-    /// Where a row block begins in the column, by block.
-    offsets: &'a [usize],
-}
-
-/// The equations of an iteration.
-#[derive(Clone, Copy)]
-struct System<'a> {
-    problem: &'a BundleProblem,
-    layout: &'a Layout,
-    state: &'a State,
-    equations: &'a Equations,
-    /// Of the image observations, 1/px^2.
-    weights: &'a [f64],
-    damping: f64,
-}
-
-/// Whitened derivatives of a ray by the unknowns of its frame, and by its point.
-pub(super) struct RayRows<'a> {
-    by_station: SMatrix<f64, 2, 6>,
-    by_camera: SMatrix<f64, 2, 10>,
-    /// The parameters of the camera that are estimated for the image alone, and for all of its images.
-    camera_own: &'a [usize],
-    camera_free: &'a [usize],
-    /// By point, the axes of its unknown coordinates.
-    unknown_axes: &'a [Vec<usize>],
-    pub(super) by_point: SMatrix<f64, 2, 3>,
-}
-
-/// Derivatives of a ray by all kept unknowns that it touches: place in the frame, derivative of both coordinates.
-#[derive(Clone, Copy)]
-pub(super) struct KeptRows {
-    rows: [(usize, Vector2<f64>); 19],
-    count: usize,
-}
-
-impl Deref for KeptRows {
-    type Target = [(usize, Vector2<f64>)];
-
-    fn deref(&self) -> &Self::Target {
-        &self.rows[..self.count]
-    }
 }
 
 impl Normals {
@@ -163,60 +121,21 @@ impl Normals {
             });
         }
         let structure = &layout.structure;
-        // The longest sums first, those of the cameras.
-        let mut order: Vec<usize> = (0..structure.blocks()).collect();
-        order.sort_by_key(|&block| std::cmp::Reverse(layout.frames_of_block[block].len()));
-        let mut columns: Vec<_> = order
-            .par_iter()
-            .map_init(
-                || vec![usize::MAX; structure.blocks()],
-                |offsets, &block| {
-                    let column = &structure.columns[block];
-                    for (&row, &offset) in column.rows.iter().zip(&column.offsets) {
-                        offsets[row as usize] = offset;
-                    }
-                    let (width, height) = (column.offsets[1], column.offsets[column.rows.len()]);
-                    let mut sums = BlockColumns {
-                        block,
-                        width,
-                        height,
-                        values: vec![0.0; width * height],
-                        right_side: vec![0.0; width],
-                        diagonal: vec![0.0; width],
-                        offsets,
-                    };
-                    let mut row_of_place = Vec::new();
-                    for &(frame, place) in &layout.frames_of_block[block] {
-                        let normal = points[frame].as_ref();
-                        let frame = &layout.frames[frame];
-                        sums.add_point(&system, frame, place, normal, &mut row_of_place);
-                    }
-                    let BlockColumns {
-                        values,
-                        right_side,
-                        diagonal,
-                        ..
-                    } = sums;
-                    (block, values, right_side, diagonal)
-                },
-            )
-            .collect();
-        columns.sort_by_key(|(block, ..)| *block);
         let mut normals = Self {
             reduced: BlockMatrix {
-                columns: Vec::with_capacity(columns.len()),
+                columns: vec![Vec::new(); structure.blocks()],
             },
             right_side: DVector::zeros(layout.kept),
             unreduced_diagonal: DVector::zeros(layout.kept),
             points,
         };
-        for (block, values, right_side, diagonal) in columns {
-            let at = structure.starts[block];
-            normals.reduced.columns.push(values);
-            normals.right_side.as_mut_slice()[at..][..right_side.len()]
-                .copy_from_slice(&right_side);
-            normals.unreduced_diagonal.as_mut_slice()[at..][..diagonal.len()]
-                .copy_from_slice(&diagonal);
+        for sum in sums(&system, &normals.points) {
+            let unknowns = structure.range(sum.block);
+            let right_side = &mut normals.right_side.as_mut_slice()[unknowns.clone()];
+            right_side.copy_from_slice(sum.right_side.as_slice());
+            let diagonal = &mut normals.unreduced_diagonal.as_mut_slice()[unknowns];
+            diagonal.copy_from_slice(sum.diagonal.as_slice());
+            normals.reduced.columns[sum.block] = sum.values;
         }
         normals.add_distances(problem, layout, equations);
         normals.add_interior_priors(problem, layout, state);
@@ -228,13 +147,16 @@ impl Normals {
     }
 
     /// The corrections of the points that belong to a solution `kept` of the reduced system, by frame.
+    ///
+    /// Cost: the rays.
     pub(super) fn point_steps(
         &self,
         layout: &Layout,
         kept: &DVector<f64>,
     ) -> Vec<Option<Vector3<f64>>> {
-        let frames = layout.frames.iter().zip(&self.points);
+        let frames = layout.frames.par_iter().zip(&self.points);
         frames
+            .with_min_len(64)
             .map(|(frame, normal)| {
                 let normal = normal.as_ref()?;
                 let mut right_side = normal.right_side;
@@ -283,6 +205,67 @@ impl Normals {
     }
 }
 
+/// Blocks of which one thread sums the columns, over these points.
+struct Part<'a> {
+    blocks: Vec<(usize, &'a [FrameOfBlock])>,
+}
+
+/// Who sums what: neighbouring stations together, as they see the same points; a camera, which has to do with all points, in parts
+/// that follow from the network alone.
+fn parts<'a>(layout: &'a Layout, state: &State) -> Vec<Part<'a>> {
+    let stations = layout.camera_of.len();
+    let centres: Vec<Vector3<f64>> = state.poses.iter().map(|p| p.centre_in_world).collect();
+    let at_once = (stations / LEAST_GROUPS).clamp(1, STATIONS_AT_ONCE);
+    let of_block = |block: usize| (block, layout.frames_of_block[block].as_slice());
+    let groups = neighbourhoods(&centres, at_once).into_iter();
+    let mut parts: Vec<Part<'a>> = groups
+        .map(|group| Part {
+            blocks: group.into_iter().map(of_block).collect(),
+        })
+        .collect();
+    for block in stations..layout.structure.blocks() {
+        let frames = layout.frames_of_block[block].chunks(FRAMES_AT_ONCE);
+        parts.extend(frames.map(|frames| Part {
+            blocks: vec![(block, frames)],
+        }));
+    }
+    parts
+}
+
+/// The columns of all blocks, with their points. Every sum runs over the points in their order.
+///
+/// Cost: of each point the square of its stations, 36 entries for each two.
+fn sums(system: &System<'_>, points: &[Option<PointNormal>]) -> Vec<BlockColumns> {
+    let structure = &system.layout.structure;
+    let parts = parts(system.layout, system.state);
+    let found = parts.par_iter().with_max_len(1).map(|part| {
+        let mut visits: Vec<(&FrameOfBlock, usize)> = Vec::new();
+        for (column, (_, frames)) in part.blocks.iter().enumerate() {
+            visits.extend(frames.iter().map(|of| (of, column)));
+        }
+        visits.sort_by_key(|(of, _)| of.frame);
+        let column = |&(block, _): &(usize, _)| BlockColumns::zeros(block, structure);
+        Arch::new().dispatch(ColumnSum {
+            system,
+            columns: part.blocks.iter().map(column).collect(),
+            visits: &visits,
+            points,
+        })
+    });
+    let found: Vec<Vec<BlockColumns>> = found.collect();
+    let mut sums: Vec<Option<BlockColumns>> = Vec::new();
+    sums.resize_with(structure.blocks(), || None);
+    for sum in found.into_iter().flatten() {
+        match &mut sums[sum.block] {
+            Some(before) => before.add(&sum),
+            none => *none = Some(sum),
+        }
+    }
+    let sums = sums.into_iter().enumerate();
+    sums.map(|(block, sum)| sum.unwrap_or_else(|| BlockColumns::zeros(block, structure)))
+        .collect()
+}
+
 /// The non-zero derivatives of a distance by unknowns of the reduced system.
 pub(super) fn distance_row(
     layout: &Layout,
@@ -298,53 +281,6 @@ pub(super) fn distance_row(
         .collect()
 }
 
-/// The derivatives of a used or predicted ray times the root of `weight`.
-pub(super) fn whitened_rows<'a>(
-    layout: &'a Layout,
-    ray: &Ray,
-    equation: &super::equations::RayEquation,
-    weight: f64,
-) -> RayRows<'a> {
-    let root = weight.sqrt();
-    RayRows {
-        by_station: equation.by_station * root,
-        by_camera: equation.by_camera * root,
-        camera_own: &layout.camera_own[ray.camera],
-        camera_free: &layout.camera_free[ray.camera],
-        unknown_axes: &layout.unknown_axes,
-        by_point: equation.by_point * root,
-    }
-}
-
-impl RayRows<'_> {
-    /// Those of all kept unknowns of this ray, by rising places.
-    pub(super) fn kept(&self, ray: &Ray, frame: &PointFrame) -> KeptRows {
-        let mut kept = KeptRows {
-            rows: [(0, Vector2::zeros()); 19],
-            count: 0,
-        };
-        let mut push = |place: usize, by: Vector2<f64>| {
-            kept.rows[kept.count] = (place, by);
-            kept.count += 1;
-        };
-        for k in 0..6 {
-            push(ray.station_at + k, self.by_station.column(k).into_owned());
-        }
-        let own = (ray.own_at, self.camera_own);
-        for (at, parameters) in [own, (ray.camera_at, self.camera_free)] {
-            for (k, &parameter) in parameters.iter().enumerate() {
-                push(at + k, self.by_camera.column(parameter).into_owned());
-            }
-        }
-        if let Some(own) = frame.own_at {
-            for (k, &axis) in self.unknown_axes[frame.point].iter().enumerate() {
-                push(own + k, self.by_point.column(axis).into_owned());
-            }
-        }
-        kept
-    }
-}
-
 impl System<'_> {
     /// The normal equations of a point by itself.
     fn look_at(&self, frame: &PointFrame) -> Looked {
@@ -355,12 +291,14 @@ impl System<'_> {
         let mut own = Matrix3::zeros();
         let mut right_side = Vector3::zeros();
         for ray in frame.rays.iter().filter(|r| r.used) {
-            let Some((rows, residual)) = self.rows(ray) else {
+            let Some((rows, residual)) = self.rows(frame, ray) else {
                 continue;
             };
             let by_point = rows.by_point.transpose();
-            for &(a, by_a) in rows.kept(ray, frame).iter() {
-                coupling.add(a, &(by_point * by_a));
+            for block in rows.blocks() {
+                for (k, by) in block.each().enumerate() {
+                    coupling.add(block.place + k, &(by_point * by));
+                }
             }
             own += by_point * rows.by_point;
             right_side -= by_point * residual;
@@ -378,149 +316,6 @@ impl System<'_> {
                 right_side,
             }),
             None => Looked::Loose,
-        }
-    }
-
-    /// The whitened derivatives and residual of a ray.
-    fn rows(&self, ray: &Ray) -> Option<(RayRows<'_>, Vector2<f64>)> {
-        let equation = self.equations.rays[ray.observation].as_ref()?;
-        let weight = self.weights[ray.observation];
-        let rows = whitened_rows(self.layout, ray, equation, weight);
-        Some((rows, equation.residual * weight.sqrt()))
-    }
-
-    /// Weights and right side of the observed coordinates of a point.
-    fn priors(&self, frame: &PointFrame) -> (Matrix3<f64>, Vector3<f64>) {
-        let block = &self.problem.points[frame.point];
-        // The problem was checked.
-        let weights = block.weights().unwrap_or_else(Matrix3::zeros);
-        let right_side = -(weights * block.off_known(&self.state.points[frame.point]));
-        (weights, right_side)
-    }
-}
-
-impl BlockColumns<'_> {
-    /// Adds a point in whose frame the block begins at `place`.
-    fn add_point(
-        &mut self,
-        system: &System<'_>,
-        frame: &PointFrame,
-        place: usize,
-        normal: Option<&PointNormal>,
-        row_of_place: &mut Vec<usize>,
-    ) {
-        row_of_place.clear();
-        row_of_place.resize(frame.index.len(), usize::MAX);
-        let structure = &system.layout.structure;
-        for &(block, first) in frame
-            .blocks
-            .iter()
-            .filter(|(block, _)| *block >= self.block)
-        {
-            for (k, row) in row_of_place[first..][..structure.range(block).len()]
-                .iter_mut()
-                .enumerate()
-            {
-                *row = self.offsets[block] + k;
-            }
-        }
-        let rays = frame.rays_of(place, self.width);
-        for ray in rays.iter().filter(|ray| ray.used) {
-            self.add_ray(system, frame, place, ray, row_of_place);
-        }
-        if frame.own_at == Some(place) {
-            let axes = &system.layout.unknown_axes[frame.point];
-            let (weights, right) = system.priors(frame);
-            for (column, &axis) in axes.iter().enumerate() {
-                for (row, &other) in axes.iter().enumerate().skip(column) {
-                    self.values[column * self.height + row] += weights[(other, axis)];
-                }
-                self.diagonal[column] += weights[(axis, axis)];
-                self.right_side[column] += right[axis];
-            }
-        }
-        if let Some(normal) = normal {
-            let elimination = Elimination {
-                columns: self,
-                frame,
-                normal,
-                place,
-                row_of_place,
-            };
-            Arch::new().dispatch(elimination);
-        }
-    }
-
-    fn add_ray(
-        &mut self,
-        system: &System<'_>,
-        frame: &PointFrame,
-        place: usize,
-        ray: &Ray,
-        row_of_place: &[usize],
-    ) {
-        let Some((rows, residual)) = system.rows(ray) else {
-            return;
-        };
-        let kept = rows.kept(ray, frame);
-        for (k, &(a, by_a)) in kept.iter().enumerate() {
-            if !(place..place + self.width).contains(&a) {
-                continue;
-            }
-            let column = a - place;
-            self.right_side[column] -= by_a.dot(&residual);
-            self.diagonal[column] += by_a.norm_squared();
-            let values = &mut self.values[column * self.height..][..self.height];
-            // Places rise within a ray, so that what follows lies below the diagonal.
-            for &(b, by_b) in &kept[k..] {
-                values[row_of_place[b]] += by_a.dot(&by_b);
-            }
-        }
-    }
-}
-
-/// Takes an eliminated point out of the columns of a block.
-///
-/// Cost: the squared number of the point's rays, summed over all blocks.
-struct Elimination<'a, 'p> {
-    columns: &'a mut BlockColumns<'p>,
-    frame: &'a PointFrame,
-    normal: &'a PointNormal,
-    /// First place of the block in the point's frame.
-    place: usize,
-    row_of_place: &'a [usize],
-}
-
-impl NullaryFnOnce for Elimination<'_, '_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let stations = self.frame.stations;
-        let Coupling(rows) = &self.normal.coupling;
-        let first = (self.place / 6).min(stations);
-        let blocks = rows
-            .each_ref()
-            .map(|row| &row.as_chunks::<6>().0[first..stations]);
-        let starts = self.row_of_place.iter().step_by(6).skip(first);
-        for column in 0..self.columns.width {
-            let at = self.place + column;
-            let by = self.normal.inverse * self.normal.coupling.at(at);
-            self.columns.right_side[column] -= by.dot(&self.normal.right_side);
-            let height = self.columns.height;
-            let values = &mut self.columns.values[column * height..][..height];
-            let [x, y, z] = blocks;
-            // All of the station's own block: what lies above the diagonal is not looked at.
-            for (((&start, x), y), z) in starts.clone().zip(x).zip(y).zip(z) {
-                if let Some(below) = values[start..].first_chunk_mut::<6>() {
-                    for k in 0..6 {
-                        below[k] -= x[k] * by.x + y[k] * by.y + z[k] * by.z;
-                    }
-                }
-            }
-            for place in (6 * stations).max(at)..self.row_of_place.len() {
-                values[self.row_of_place[place]] -= by.dot(&self.normal.coupling.at(place));
-            }
         }
     }
 }

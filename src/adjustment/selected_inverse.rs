@@ -1,42 +1,47 @@
 //! The entries of the inverse of the reduced normal matrix where its factor has entries (Takahashi, Fagan and Chen, 1973;
 //! Erisman and Tinney, 1975): all that a covariance of a point, a station or a camera needs, exact, without the whole inverse.
 
-use faer::linalg::matmul::matmul;
-use faer::linalg::triangular_solve;
-use faer::{Accum, MatMut, MatRef, Par};
 use nalgebra::{DMatrix, DVector};
+use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
 
+use super::dense_front::complete_inverse;
 use super::factor::FrontFactor;
-use super::structure::Structure;
+use super::structure::{Front, Structure};
 
-/// The inverse by fronts: of each the columns of its own blocks.
+/// Three columns over the places of a point's frame, and a zero: a row fills a vector register.
+pub(super) type PointColumns = Vec<[f64; 4]>;
+
+/// The inverse by blocks: of each its columns from its own rows on, over all rows of its front; block by block, each column by
+/// column, so that what two blocks have in common lies together.
 pub(super) struct SelectedInverse {
-    fronts: Vec<DMatrix<f64>>,
-    scale: DVector<f64>,
+    columns: Vec<Vec<f64>>,
 }
 
 impl SelectedInverse {
     /// From the factors of the fronts of `D S D`, with the diagonal of `D`.
     ///
-    /// Cost: some three times that of the factorisation.
+    /// Cost: some two times that of the factorisation.
     pub(super) fn of(structure: &Structure, factors: &[FrontFactor], scale: &DVector<f64>) -> Self {
         let count = structure.fronts.len();
         // Of every front, all its rows and columns, as long as another one takes from it.
         let mut whole: Vec<Option<DMatrix<f64>>> = vec![None; count];
         let mut waiting: Vec<usize> = structure.fronts.iter().map(|f| f.children.len()).collect();
-        let mut fronts = vec![DMatrix::zeros(0, 0); count];
+        let mut columns = vec![Vec::new(); structure.blocks()];
         for level in structure.levels.iter().rev() {
-            let found: Vec<DMatrix<f64>> = level
-                .par_iter()
-                .map(|&index| whole_front(structure, factors, &whole, index))
-                .collect();
-            for (&index, inverse) in level.iter().zip(found) {
+            let found = level.par_iter().map(|&index| {
+                let inverse = whole_front(structure, factors, &whole, index);
+                let own = own_columns(structure, &inverse, scale, index);
+                let is_used = !structure.fronts[index].children.is_empty();
+                (own, is_used.then_some(inverse))
+            });
+            let found: Vec<_> = found.collect();
+            for (&index, (own, inverse)) in level.iter().zip(found) {
                 let front = &structure.fronts[index];
-                fronts[index] = inverse.columns(0, front.width()).into_owned();
-                if !front.children.is_empty() {
-                    whole[index] = Some(inverse);
+                for (&block, values) in front.blocks.iter().zip(own) {
+                    columns[block] = values;
                 }
+                whole[index] = inverse;
                 if let Some(parent) = front.parent {
                     waiting[parent] -= 1;
                     if waiting[parent] == 0 {
@@ -45,10 +50,7 @@ impl SelectedInverse {
                 }
             }
         }
-        Self {
-            fronts,
-            scale: scale.clone(),
-        }
+        Self { columns }
     }
 
     /// The entries of some blocks with each other; all of them must meet.
@@ -62,37 +64,197 @@ impl SelectedInverse {
         let mut order: Vec<usize> = (0..blocks.len()).collect();
         order.sort_by_key(|&k| structure.position[blocks[k]]);
         for (at, &a) in order.iter().enumerate() {
-            let index = structure.front_of[blocks[a]];
-            let (front, values) = (&structure.fronts[index], &self.fronts[index]);
-            let place_of = |from: usize, block: usize| {
-                let position = structure.position[block];
-                let rest = front.blocks[from..].iter();
-                from + rest
-                    .take_while(|b| structure.position[**b] < position)
-                    .count()
-            };
-            // The blocks of a front and those asked for stand in the same order, so that one walk finds them all.
-            let mut place = place_of(0, blocks[a]);
-            let at_column = front.starts[place];
-            let columns = structure.range(blocks[a]);
-            for &b in &order[at..] {
-                place = place_of(place, blocks[b]);
-                let rows = structure.range(blocks[b]);
-                let at_row = front.starts[place];
-                let row_scale = &self.scale.as_slice()[rows];
-                for (j, unknown) in columns.clone().enumerate() {
-                    let from = (at_column + j) * values.nrows() + at_row;
-                    let entries = &values.as_slice()[from..from + row_scale.len()];
-                    let scale = self.scale[unknown];
-                    for (i, (entry, row_scale)) in entries.iter().zip(row_scale).enumerate() {
-                        let value = entry * (row_scale * scale);
-                        among[(starts[b] + i, starts[a] + j)] = value;
-                        among[(starts[a] + j, starts[b] + i)] = value;
-                    }
+            let front = &structure.fronts[structure.front_of[blocks[a]]];
+            let later = order[at..].iter().map(|&k| blocks[k]);
+            let places = front.places_of(structure, later);
+            for (&b, &place) in order[at..].iter().zip(&places) {
+                let entries = self.entries(front, blocks[a], places[0], place);
+                let height = front.height(place);
+                for (k, &value) in entries.iter().enumerate() {
+                    let (i, j) = (starts[b] + k % height, starts[a] + k / height);
+                    among[(i, j)] = value;
+                    among[(j, i)] = value;
                 }
             }
         }
         among
+    }
+
+    /// The products of the inverse with three columns that have entries at some blocks alone, there; all of the blocks of one must
+    /// meet. Neighbours are asked for together: what they share of the inverse is looked at once.
+    ///
+    /// Cost: of each the square of its blocks, 36 entries of the inverse for each two.
+    pub(super) fn times(&self, structure: &Structure, of: Vec<Factor<'_>>) -> Vec<PointColumns> {
+        Arch::new().dispatch(Products {
+            inverse: self,
+            structure,
+            factors: of,
+        })
+    }
+
+    /// The entries of a block's columns, of which its place in the front is given, with another one's rows.
+    fn entries(&self, front: &Front, block: usize, own: usize, place: usize) -> &[f64] {
+        let width = front.height(own);
+        let [from, to] = [place, place + 1].map(|k| (front.starts[k] - front.starts[own]) * width);
+        &self.columns[block][from..to]
+    }
+}
+
+/// What the inverse is multiplied with: three columns with entries at some blocks, which each have a first place in them.
+pub(super) struct Factor<'a> {
+    pub(super) blocks: &'a [(usize, usize)],
+    pub(super) columns: &'a PointColumns,
+}
+
+/// A product under way.
+struct Product<'a> {
+    /// Blocks and their places in the columns, by position in the order of elimination.
+    order: Vec<(usize, usize)>,
+    columns: &'a PointColumns,
+    product: PointColumns,
+    /// How many blocks are done, the last of them that is eliminated in the present front, and where it has the blocks from the first
+    /// of these on.
+    done: usize,
+    front: std::ops::Range<usize>,
+    places: Vec<usize>,
+}
+
+/// The products of the inverse with the columns of neighbours.
+struct Products<'a> {
+    inverse: &'a SelectedInverse,
+    structure: &'a Structure,
+    factors: Vec<Factor<'a>>,
+}
+
+impl NullaryFnOnce for Products<'_> {
+    type Output = Vec<PointColumns>;
+
+    #[inline(always)]
+    fn call(self) -> Vec<PointColumns> {
+        let Self {
+            inverse, structure, ..
+        } = self;
+        let position = |of: &(usize, usize)| structure.position[of.0];
+        let mut products: Vec<Product<'_>> = Vec::new();
+        for Factor { blocks, columns } in self.factors {
+            let mut order = blocks.to_vec();
+            order.sort_unstable_by_key(position);
+            products.push(Product {
+                order,
+                columns,
+                product: vec![[0.0; 4]; columns.len()],
+                done: 0,
+                front: 0..0,
+                places: Vec::new(),
+            });
+        }
+        let orders = products.iter().flat_map(|product| &product.order);
+        let mut blocks: Vec<usize> = orders.map(|(block, _)| *block).collect();
+        blocks.sort_unstable_by_key(|&block| structure.position[block]);
+        blocks.dedup();
+        for block in blocks {
+            for product in &mut products {
+                let next = product.order.get(product.done);
+                if next.is_some_and(|next| next.0 == block) {
+                    product.add_columns_of_next(inverse, structure);
+                }
+            }
+        }
+        products.into_iter().map(|product| product.product).collect()
+    }
+}
+
+impl Product<'_> {
+    /// Adds what the columns of the next block, and by symmetry its rows, have to do with those that follow.
+    #[inline(always)]
+    fn add_columns_of_next(&mut self, inverse: &SelectedInverse, structure: &Structure) {
+        let at = self.done;
+        let (block, column) = self.order[at];
+        let front = &structure.fronts[structure.front_of[block]];
+        if at >= self.front.end {
+            let ends_here = |of: &(usize, usize)| front.is_done_with(structure, of.0);
+            self.front = at..at + self.order[at..].partition_point(ends_here);
+            let later = self.order[at..].iter().map(|(block, _)| *block);
+            self.places = front.places_of(structure, later);
+        }
+        let places = &self.places[at - self.front.start..];
+        for (&(_, row), &place) in self.order[at..].iter().zip(places) {
+            let entries = inverse.entries(front, block, places[0], place);
+            let height = front.height(place);
+            let product = &mut self.product;
+            if row == column {
+                add_own(product, self.columns, entries, column);
+            } else if let (6, Ok(entries)) = (height, entries.try_into()) {
+                add_station(product, self.columns, entries, [row, column]);
+            } else {
+                add_any(product, self.columns, entries, [row, column], height);
+            }
+        }
+        self.done += 1;
+    }
+}
+
+#[inline(always)]
+fn add(to: &mut [f64; 4], factor: f64, row: &[f64; 4]) {
+    for k in 0..4 {
+        to[k] += factor * row[k];
+    }
+}
+
+/// A block on the diagonal, of which all entries are there.
+#[inline(always)]
+fn add_own(product: &mut [[f64; 4]], columns: &[[f64; 4]], entries: &[f64], at: usize) {
+    let width = entries.len().isqrt();
+    for (j, entries) in entries.chunks(width).enumerate() {
+        for (i, entry) in entries.iter().enumerate() {
+            add(&mut product[at + i], *entry, &columns[at + j]);
+        }
+    }
+}
+
+/// A block six by six and the same on the other side of the diagonal.
+#[inline(always)]
+fn add_station(
+    product: &mut [[f64; 4]],
+    columns: &[[f64; 4]],
+    entries: &[f64; 36],
+    [row, column]: [usize; 2],
+) {
+    let (Some(of_column), Some(of_row)) = (
+        columns[column..].first_chunk::<6>(),
+        columns[row..].first_chunk::<6>(),
+    ) else {
+        return;
+    };
+    let mut transposed = [[0.0; 4]; 6];
+    for i in 0..6 {
+        let mut sum = product[row + i];
+        for j in 0..6 {
+            let entry = entries[6 * j + i];
+            add(&mut sum, entry, &of_column[j]);
+            add(&mut transposed[j], entry, &of_row[i]);
+        }
+        product[row + i] = sum;
+    }
+    for (sum, more) in product[column..].iter_mut().zip(&transposed) {
+        add(sum, 1.0, more);
+    }
+}
+
+/// Any other block and the same on the other side of the diagonal.
+#[inline(always)]
+fn add_any(
+    product: &mut [[f64; 4]],
+    columns: &[[f64; 4]],
+    entries: &[f64],
+    [row, column]: [usize; 2],
+    height: usize,
+) {
+    for (j, entries) in entries.chunks(height).enumerate() {
+        for (i, entry) in entries.iter().enumerate() {
+            add(&mut product[row + i], *entry, &columns[column + j]);
+            add(&mut product[column + j], *entry, &columns[row + i]);
+        }
     }
 }
 
@@ -105,7 +267,6 @@ fn whole_front(
 ) -> DMatrix<f64> {
     let front = &structure.fronts[index];
     let (size, width) = (front.size(), front.width());
-    let left = size - width;
     let mut inverse = DMatrix::<f64>::zeros(size, size);
     if let Some(above) = front.parent.and_then(|parent| whole[parent].as_ref()) {
         for (j, &from_j) in front.in_parent.iter().enumerate() {
@@ -115,81 +276,31 @@ fn whole_front(
             }
         }
     }
-    let (own, below) = own_columns(&factors[index], &inverse, width, left);
-    inverse.view_mut((0, 0), (width, width)).copy_from(&own);
-    inverse
-        .view_mut((width, 0), (left, width))
-        .copy_from(&below);
-    if !front.children.is_empty() {
-        inverse
-            .view_mut((0, width), (width, left))
-            .copy_from(&below.transpose());
-    }
+    complete_inverse(&factors[index].columns, &mut inverse);
     inverse
 }
 
-/// `Z11` and `Z21` of a front from its factor and `Z22`: with `U = L21 L11^-1`, `Z21 = -Z22 U` and
-/// `Z11 = (L11 L11^T)^-1 + U^T Z22 U`.
+/// What [`SelectedInverse`] keeps of a front, by its own blocks, with the scale taken out.
 fn own_columns(
-    factor: &FrontFactor,
+    structure: &Structure,
     inverse: &DMatrix<f64>,
-    width: usize,
-    left: usize,
-) -> (DMatrix<f64>, DMatrix<f64>) {
-    let lower = view(&factor.columns);
-    let (own, below) = lower.split_at_row(width);
-    let mut back = DMatrix::<f64>::identity(width, width);
-    triangular_solve::solve_lower_triangular_in_place(own, view_mut(&mut back), Par::Seq);
-    // (L11 L11^T)^-1 = L11^-T L11^-1.
-    let mut first = DMatrix::zeros(width, width);
-    let inverse_of_lower = view(&back);
-    matmul(
-        view_mut(&mut first),
-        Accum::Replace,
-        inverse_of_lower.transpose(),
-        inverse_of_lower,
-        1.0,
-        Par::Seq,
-    );
-    if left == 0 {
-        return (first, DMatrix::zeros(0, width));
-    }
-    let mut coupling = DMatrix::<f64>::zeros(left, width);
-    matmul(
-        view_mut(&mut coupling),
-        Accum::Replace,
-        below,
-        inverse_of_lower,
-        1.0,
-        Par::Seq,
-    );
-    let all = view(inverse);
-    let rest = all.submatrix(width, width, left, left);
-    let mut second = DMatrix::zeros(left, width);
-    matmul(
-        view_mut(&mut second),
-        Accum::Replace,
-        rest,
-        view(&coupling),
-        -1.0,
-        Par::Seq,
-    );
-    matmul(
-        view_mut(&mut first),
-        Accum::Add,
-        view(&coupling).transpose(),
-        view(&second),
-        -1.0,
-        Par::Seq,
-    );
-    (first, second)
-}
-
-pub(super) fn view(matrix: &DMatrix<f64>) -> MatRef<'_, f64> {
-    MatRef::from_column_major_slice(matrix.as_slice(), matrix.nrows(), matrix.ncols())
-}
-
-pub(super) fn view_mut(matrix: &mut DMatrix<f64>) -> MatMut<'_, f64> {
-    let (rows, columns) = matrix.shape();
-    MatMut::from_column_major_slice_mut(matrix.as_mut_slice(), rows, columns)
+    scale: &DVector<f64>,
+    index: usize,
+) -> Vec<Vec<f64>> {
+    let front = &structure.fronts[index];
+    let scale_of = |place: usize| &scale.as_slice()[structure.range(front.blocks[place])];
+    let columns = (0..front.own).into_par_iter().with_min_len(8).map(|own| {
+        let at = front.starts[own];
+        let mut values = Vec::with_capacity(front.height(own) * (front.size() - at));
+        for place in own..front.blocks.len() {
+            let (row, rows) = (front.starts[place], scale_of(place));
+            for (j, by_column) in scale_of(own).iter().enumerate() {
+                let from = (at + j) * inverse.nrows() + row;
+                let entries = inverse.as_slice()[from..from + rows.len()].iter().zip(rows);
+                values.extend(entries.map(|(entry, by_row)| entry * (by_row * by_column)));
+            }
+        }
+        values
+    });
+    columns.collect()
 }

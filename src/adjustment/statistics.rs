@@ -1,14 +1,18 @@
 //! Exact statistics of a converged adjustment: covariances in the chosen datum, redundancy, reliability.
 
-use nalgebra::{DMatrix, Matrix3, Matrix3x2, Matrix6, SMatrix, Vector2};
+use nalgebra::{
+    Const, DMatrix, Dyn, Matrix3, Matrix3x2, Matrix6, OMatrix, SMatrix, Vector2, Vector3,
+};
 use rayon::prelude::*;
 
 use super::equations::{Equations, State};
 use super::interior::{interior_priors, own_interior};
 use super::known::{KnownStatistics, known_coordinates};
 use super::layout::{Layout, PointFrame};
-use super::normals::{distance_row, whitened_rows};
-use super::selected_inverse::SelectedInverse;
+use super::neighbourhoods::neighbourhoods;
+use super::normals::distance_row;
+use super::ray_rows::{MOST_OF_STATION, RayRows};
+use super::selected_inverse::{Factor, PointColumns, SelectedInverse};
 use super::solved::SolvedNetwork;
 use super::solver::other_squares;
 use super::{
@@ -18,6 +22,9 @@ use super::{
 
 /// Below this redundancy number an observation is not controlled: its normalised residual would be rounding.
 pub(super) const UNCONTROLLED: f64 = 1e-9;
+
+/// Neighbouring points whose statistics are made together.
+const POINTS_AT_ONCE: usize = 16;
 
 /// What the statistics of a ray are made of, per unit variance.
 #[derive(Clone, Copy)]
@@ -30,6 +37,7 @@ struct RayCofactors {
 }
 
 /// Cofactors of a point and of its rays.
+#[derive(Clone)]
 struct PointStatistics {
     cofactor: Matrix3<f64>,
     /// Cofactors of x, y, z in the regularised system: known coordinates are estimable, so that no datum changes theirs.
@@ -48,10 +56,11 @@ pub(super) fn adjustment(network: &SolvedNetwork) -> Adjustment {
         counts,
         ..
     } = network;
-    let frames = layout.frames.par_iter().enumerate().with_min_len(8);
-    let points: Vec<PointStatistics> = frames
-        .map(|(at, frame)| point_statistics(network, at, frame))
+    let stations_of_rays = (0..problem.stations.len()).into_par_iter();
+    let stations_of_rays: Vec<StationCofactors> = stations_of_rays
+        .map(|station| StationCofactors::of(network, station))
         .collect();
+    let points = by_point(network, &stations_of_rays);
     let sigma0 = variance.sqrt();
     Adjustment {
         cameras: cameras(problem, layout, state, &network.inverse, *variance),
@@ -72,6 +81,24 @@ pub(super) fn adjustment(network: &SolvedNetwork) -> Adjustment {
     }
 }
 
+/// The statistics of all points, by frame.
+fn by_point(network: &SolvedNetwork, stations: &[StationCofactors]) -> Vec<PointStatistics> {
+    let frames = &network.layout.frames;
+    let places = frames.iter().map(|frame| network.state.points[frame.point]);
+    let groups = neighbourhoods(&places.collect::<Vec<_>>(), POINTS_AT_ONCE);
+    let found = groups.par_iter().with_max_len(1).map(|group| {
+        let cofactors = cofactors_of(network, group).into_iter();
+        let statistics = group.iter().zip(cofactors).map(|(&at, cofactors)| {
+            let frame = &frames[at];
+            (at, point_statistics(network, stations, frame, at, &cofactors))
+        });
+        statistics.collect()
+    });
+    let mut found = found.collect::<Vec<Vec<(usize, PointStatistics)>>>().concat();
+    found.sort_by_key(|(at, _)| *at);
+    found.into_iter().map(|(_, statistics)| statistics).collect()
+}
+
 /// The variance of unit weight, a-posteriori.
 pub(super) fn variance(
     problem: &BundleProblem,
@@ -90,14 +117,19 @@ pub(super) fn variance(
 }
 
 /// The median; the mean of the middle two for an even number; `None` without values.
+///
+/// Cost: the values.
 pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
     let n = values.len();
-    match n {
-        0 => None,
-        _ if n % 2 == 1 => Some(values[n / 2]),
-        _ => Some((values[n / 2 - 1] + values[n / 2]) / 2.0),
+    if n == 0 {
+        return None;
     }
+    let (below, &mut middle, _) = values.select_nth_unstable_by(n / 2, f64::total_cmp);
+    if n % 2 == 1 {
+        return Some(middle);
+    }
+    let before = below.iter().copied().max_by(f64::total_cmp)?;
+    Some((before + middle) / 2.0)
 }
 
 /// How many of what.
@@ -134,80 +166,150 @@ impl Counts {
     }
 }
 
-#[allow(clippy::too_many_arguments, reason = "the solved system, read only")]
-fn point_statistics(network: &SolvedNetwork, at: usize, frame: &PointFrame) -> PointStatistics {
+/// Cost: of each ray the square of its sixteen unknowns.
+fn point_statistics(
+    network: &SolvedNetwork,
+    stations: &[StationCofactors],
+    frame: &PointFrame,
+    at: usize,
+    cofactors: &PointCofactors,
+) -> PointStatistics {
     let SolvedNetwork {
+        problem,
         layout,
         state,
         equations,
         transformation,
         ..
     } = network;
-    let q = frame.index.len();
-    let blocks: Vec<usize> = frame.blocks.iter().map(|block| block.0).collect();
-    let local = network.inverse.among(&layout.structure, &blocks);
-    // Cofactors of the kept unknowns with the point, and of the point itself (block inverse).
-    let (cross, own) = match (&network.normals.points[at], frame.own_at) {
-        (Some(normal), _) => {
-            let reduced =
-                DMatrix::from_fn(q, 3, |i, k| (normal.inverse * normal.coupling.at(i))[k]);
-            let cross = -(&local * &reduced);
-            let own = normal.inverse - (reduced.transpose() * &cross).fixed_view::<3, 3>(0, 0);
-            (cross, own)
-        }
-        (None, Some(start)) => {
-            let (mut cross, mut own) = (DMatrix::zeros(q, 3), Matrix3::zeros());
-            let axes = &layout.unknown_axes[frame.point];
-            for (j, &column) in axes.iter().enumerate() {
-                cross.set_column(column, &local.column(start + j));
-                for (i, &row) in axes.iter().enumerate() {
-                    own[(row, column)] = local[(start + i, start + j)];
-                }
-            }
-            (cross, own)
-        }
-        (None, None) => (DMatrix::zeros(q, 3), Matrix3::zeros()),
-    };
+    let PointCofactors { cross, own } = cofactors;
+    let regularised = *own;
     let g = transformation
         .motions
         .point_rows(&state.points[frame.point]);
     let c = &transformation.points[at];
     let rays = frame.rays.iter().filter_map(|ray| {
         let equation = equations.rays[ray.observation].as_ref()?;
-        let rows = whitened_rows(layout, ray, equation, 1.0);
-        let kept = rows.kept(ray, frame);
-        let mut leverage = Vector2::zeros();
+        let rows = RayRows::new(layout, frame, ray, equation, 1.0);
+        let station = &stations[problem.observations[ray.observation].station];
+        let by_station = rows.by_station_and_camera();
+        let of_station = &station.cofactor * by_station;
+        let mut moved = &station.moved * by_station;
         // Q' A^T of the point, and C^T A^T.
         let mut response = Matrix3x2::zeros();
-        let mut moved = DMatrix::zeros(g.ncols(), 2);
-        for &(i, a) in kept.iter() {
-            for &(j, b) in kept.iter() {
-                leverage += a.component_mul(&b) * local[(i, j)];
+        for block in rows.of_station_and_camera() {
+            for (by, cross) in block.each().zip(&cross[block.place..]) {
+                response += Vector3::new(cross[0], cross[1], cross[2]) * by.transpose();
             }
-            response += cross.fixed_view::<1, 3>(i, 0).transpose() * a.transpose();
-            moved += transformation.kept.row(frame.index[i]).transpose() * a.transpose();
         }
-        if frame.own_at.is_none() {
-            let b = &rows.by_point;
-            leverage += 2.0 * (b * response).diagonal() + (b * own * b.transpose()).diagonal();
-            response += own * b.transpose();
-            moved += c.transpose() * b.transpose();
+        let b = &rows.by_point;
+        let mut leverage = Vector2::zeros();
+        for k in 0..2 {
+            let own = b.row(k) * (2.0 * response.column(k) + regularised * b.row(k).transpose());
+            leverage[k] = by_station.column(k).dot(&of_station.column(k)) + own[0];
         }
-        let response = response - (&g * moved).fixed_view::<3, 2>(0, 0);
+        response += regularised * b.transpose();
+        moved += c.transpose() * b.transpose();
         Some(RayCofactors {
             observation: ray.observation,
             leverage,
-            response,
+            response: response - (&g * moved).fixed_view::<3, 2>(0, 0),
         })
     });
-    let regularised = own;
-    let own = DMatrix::from_fn(3, 3, |i, j| own[(i, j)]);
+    let rays = rays.collect();
+    let own = DMatrix::from_fn(3, 3, |i, j| regularised[(i, j)]);
     let cofactor = transformation.apply(&own, &g, c);
     let cofactor: Matrix3<f64> = cofactor.fixed_view::<3, 3>(0, 0).into_owned();
     PointStatistics {
         cofactor: (cofactor + cofactor.transpose()) / 2.0,
         regularised,
-        rays: rays.collect(),
+        rays,
+    }
+}
+
+/// Cofactors in the regularised system: of the kept unknowns with a point, by their places in its frame, and of the point itself.
+struct PointCofactors {
+    cross: PointColumns,
+    own: Matrix3<f64>,
+}
+
+/// Cofactors of neighbouring points, given by their frames: with `R = V^-1 Y` of an eliminated one `-Q R^T` and `V^-1 + R Q R^T`
+/// (block inverse); those of a kept one stand in the inverse.
+///
+/// Cost: that of [`SelectedInverse::times`].
+fn cofactors_of(network: &SolvedNetwork, group: &[usize]) -> Vec<PointCofactors> {
+    let (layout, points) = (&network.layout, &network.normals.points);
+    let columns_of = |&at: &usize| {
+        let frame = &layout.frames[at];
+        let mut columns = vec![[0.0; 4]; frame.index.len()];
+        if let Some(normal) = &points[at] {
+            for (row, y) in columns.iter_mut().zip(normal.coupling.iter()) {
+                let reduced = -(normal.inverse * y);
+                row[..3].copy_from_slice(reduced.as_slice());
+            }
+        } else {
+            for (k, axis) in own_places(layout, frame) {
+                columns[k][axis] = 1.0;
+            }
+        }
+        columns
+    };
+    let columns: Vec<PointColumns> = group.iter().map(columns_of).collect();
+    let factors = group.iter().zip(&columns).map(|(&at, columns)| Factor {
+        blocks: &layout.frames[at].blocks,
+        columns,
+    });
+    let products = network.inverse.times(&layout.structure, factors.collect());
+    let all = group.iter().zip(&columns).zip(products);
+    all.map(|((&at, columns), cross)| {
+        let vector = |row: &[f64; 4]| Vector3::new(row[0], row[1], row[2]);
+        let mut own = Matrix3::zeros();
+        if let Some(normal) = &points[at] {
+            own = normal.inverse;
+            for (row, cross) in columns.iter().zip(&cross) {
+                own += vector(row) * vector(cross).transpose();
+            }
+        } else {
+            for (k, axis) in own_places(layout, &layout.frames[at]) {
+                own.set_row(axis, &vector(&cross[k]).transpose());
+            }
+        }
+        PointCofactors { cross, own }
+    })
+    .collect()
+}
+
+/// Places in the frame of a kept point of its own unknowns, and their axes; none of any other point.
+fn own_places(layout: &Layout, frame: &PointFrame) -> impl Iterator<Item = (usize, usize)> {
+    let axes = layout.unknown_axes[frame.point].iter().copied();
+    let start = frame.own_at.into_iter();
+    start.flat_map(move |start| axes.clone().enumerate().map(move |(k, axis)| (start + k, axis)))
+}
+
+/// Cofactors of what all rays of a station have in common: its own unknowns and those of its camera.
+struct StationCofactors {
+    /// Of these unknowns, in the order of [`Layout::station_blocks`], zeros after them.
+    cofactor: SMatrix<f64, MOST_OF_STATION, MOST_OF_STATION>,
+    /// Rows of `C` of these unknowns, transposed.
+    moved: OMatrix<f64, Dyn, Const<MOST_OF_STATION>>,
+}
+
+impl StationCofactors {
+    fn of(network: &SolvedNetwork, station: usize) -> Self {
+        let structure = &network.layout.structure;
+        let blocks = network.layout.station_blocks(station);
+        let among = network.inverse.among(structure, &blocks);
+        let mut cofactor = SMatrix::<f64, MOST_OF_STATION, MOST_OF_STATION>::zeros();
+        cofactor
+            .view_mut((0, 0), among.shape())
+            .copy_from(&among);
+        let kept = &network.transformation.kept;
+        let mut moved = OMatrix::<f64, Dyn, Const<MOST_OF_STATION>>::zeros(kept.ncols());
+        let unknowns = blocks.iter().flat_map(|&block| structure.range(block));
+        for (k, unknown) in unknowns.enumerate() {
+            moved.set_column(k, &kept.row(unknown).transpose());
+        }
+        Self { cofactor, moved }
     }
 }
 
@@ -401,7 +503,8 @@ fn image_statistics(
             },
         }
     };
-    (0..problem.observations.len()).map(statistics).collect()
+    let all = 0..problem.observations.len();
+    all.into_par_iter().map(statistics).collect()
 }
 
 fn distance_statistics(

@@ -70,6 +70,33 @@ impl Front {
     pub(super) fn size(&self) -> usize {
         self.starts[self.blocks.len()]
     }
+
+    /// Unknowns of one of its blocks.
+    pub(super) fn height(&self, place: usize) -> usize {
+        self.starts[place + 1] - self.starts[place]
+    }
+
+    /// Where some of its blocks stand, which are given by position.
+    ///
+    /// Cost: the logarithm of its blocks, for each of those asked for.
+    pub(super) fn places_of(
+        &self,
+        structure: &Structure,
+        blocks: impl Iterator<Item = usize>,
+    ) -> Vec<usize> {
+        let mut from = 0;
+        let place = |block: usize| {
+            let position = structure.position[block];
+            from += self.blocks[from..].partition_point(|&b| structure.position[b] < position);
+            from
+        };
+        blocks.map(place).collect()
+    }
+
+    /// Whether a block is eliminated here or earlier.
+    pub(super) fn is_done_with(&self, structure: &Structure, block: usize) -> bool {
+        structure.position[block] <= structure.position[self.blocks[self.own - 1]]
+    }
 }
 
 impl Structure {

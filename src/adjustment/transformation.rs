@@ -1,6 +1,7 @@
 //! The S-transformation of cofactors from the regularised system into the datum: `Q = S Q' S^T` (Baarda, 1973).
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, Vector3};
+use rayon::prelude::*;
 
 use super::datum::FreeMotions;
 use super::equations::State;
@@ -22,7 +23,7 @@ pub(super) struct Transformation {
 }
 
 impl Transformation {
-    /// Cost: a solve with the factor for each motion.
+    /// Cost: a solve with the factor, and a look at all rays, for each motion.
     pub(super) fn new(
         onto_datum: STransformation,
         layout: &Layout,
@@ -44,20 +45,17 @@ impl Transformation {
             add_to_right_side(&mut right_side, layout, frame, normal.as_ref(), h);
         }
         let kept = solved(layout, factor, &right_side);
+        let frames = layout.frames.par_iter().zip(&normals.points);
+        let points = frames.with_min_len(64).map(|(frame, normal)| {
+            let h = h_of_points[frame.point];
+            point_rows(layout, frame, normal.as_ref(), h, &kept)
+        });
+        let points: Vec<DMatrix<f64>> = points.collect();
         let mut inner = DMatrix::zeros(d, d);
-        let mut points = Vec::with_capacity(layout.frames.len());
-        for (frame, normal) in layout.frames.iter().zip(&normals.points) {
-            let c = point_rows(
-                layout,
-                frame,
-                normal.as_ref(),
-                h_of_points[frame.point],
-                &kept,
-            );
+        for (frame, c) in layout.frames.iter().zip(&points) {
             if let Some(h) = h_of_points[frame.point] {
-                inner += h * &c;
+                inner += h * c;
             }
-            points.push(c);
         }
         Self {
             motions,
@@ -81,10 +79,13 @@ impl Transformation {
 
 /// `Q' R` over the reduced system for right sides `R`, a column each.
 pub(super) fn solved(layout: &Layout, factor: &Factor, right_side: &DMatrix<f64>) -> DMatrix<f64> {
-    let mut kept = DMatrix::zeros(layout.kept, right_side.ncols());
-    for k in 0..right_side.ncols() {
+    let columns = (0..right_side.ncols()).into_par_iter().map(|k| {
         let column = right_side.column(k).into_owned();
-        kept.set_column(k, &factor.solve(&layout.structure, &column));
+        factor.solve(&layout.structure, &column)
+    });
+    let mut kept = DMatrix::zeros(layout.kept, right_side.ncols());
+    for (k, column) in columns.collect::<Vec<_>>().iter().enumerate() {
+        kept.set_column(k, column);
     }
     kept
 }
@@ -99,11 +100,10 @@ pub(super) fn add_to_right_side(
 ) {
     match normal {
         Some(normal) => {
-            let reduced = normal.inverse * h.transpose();
-            for (y, &i) in normal.coupling.iter().zip(&frame.index) {
-                let change = y.transpose() * &reduced;
-                for k in 0..h.nrows() {
-                    right_side[(i, k)] -= change[k];
+            for (k, row) in h.row_iter().enumerate() {
+                let reduced = normal.inverse * Vector3::new(row[0], row[1], row[2]);
+                for (y, &i) in normal.coupling.iter().zip(&frame.index) {
+                    right_side[(i, k)] -= y.dot(&reduced);
                 }
             }
         }
@@ -128,12 +128,16 @@ pub(super) fn point_rows(
     let d = kept.ncols();
     match normal {
         Some(normal) => {
-            let mut right_side = h.map_or_else(|| DMatrix::zeros(3, d), DMatrix::transpose);
-            for (y, &i) in normal.coupling.iter().zip(&frame.index) {
-                right_side -= y * kept.row(i);
+            let mut rows = h.map_or_else(|| DMatrix::zeros(3, d), DMatrix::transpose);
+            for (k, mut row) in rows.column_iter_mut().enumerate() {
+                let mut right_side = Vector3::new(row[0], row[1], row[2]);
+                let kept = kept.column(k);
+                for (y, &i) in normal.coupling.iter().zip(&frame.index) {
+                    right_side -= y * kept[i];
+                }
+                row.copy_from(&(normal.inverse * right_side));
             }
-            let rows = normal.inverse * right_side;
-            DMatrix::from_column_slice(3, d, rows.as_slice())
+            rows
         }
         None => {
             let mut rows = DMatrix::zeros(3, d);
