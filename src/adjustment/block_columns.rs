@@ -3,12 +3,12 @@
 use nalgebra::{DVector, Matrix3, Vector2, Vector3};
 use pulp::NullaryFnOnce;
 
+use super::BundleProblem;
 use super::equations::{Equations, State};
 use super::layout::{FrameOfBlock, Layout, PointFrame, Ray};
 use super::normals::PointNormal;
 use super::ray_rows::RayRows;
 use super::structure::Structure;
-use super::BundleProblem;
 
 /// Most unknowns of a block: those of a camera.
 const WIDEST: usize = 10;
@@ -93,12 +93,7 @@ impl BlockColumns {
 
     /// Adds a point that has to do with the block.
     #[inline(always)]
-    fn add_point(
-        &mut self,
-        system: &System<'_>,
-        of: &FrameOfBlock,
-        normal: Option<&PointNormal>,
-    ) {
+    fn add_point(&mut self, system: &System<'_>, of: &FrameOfBlock, normal: Option<&PointNormal>) {
         let frame = &system.layout.frames[of.frame];
         let place = frame.blocks[of.at].1;
         for ray in frame.rays[of.rays.clone()].iter().filter(|ray| ray.used) {
@@ -121,13 +116,7 @@ impl BlockColumns {
     }
 
     #[inline(always)]
-    fn add_ray(
-        &mut self,
-        system: &System<'_>,
-        frame: &PointFrame,
-        place: usize,
-        ray: &Ray,
-    ) {
+    fn add_ray(&mut self, system: &System<'_>, frame: &PointFrame, place: usize, ray: &Ray) {
         let Some((rows, residual)) = system.rows(frame, ray) else {
             return;
         };
@@ -156,21 +145,16 @@ impl BlockColumns {
     ///
     /// Cost: 36 entries for each station of the point that follows.
     #[inline(always)]
-    fn eliminate(
-        &mut self,
-        frame: &PointFrame,
-        own_at: usize,
-        normal: &PointNormal,
-    ) {
+    fn eliminate(&mut self, frame: &PointFrame, own_at: usize, normal: &PointNormal) {
         let width = self.width();
         let blocks = &frame.blocks[own_at..];
         let first = blocks[0].1;
         let mut by = [[0.0; WIDEST]; 3];
-        for column in 0..width {
+        for (column, right_side) in self.right_side.iter_mut().enumerate() {
             let reduced = normal.inverse * normal.coupling.at(first + column);
-            self.right_side[column] -= reduced.dot(&normal.right_side);
-            for axis in 0..3 {
-                by[axis][column] = reduced[axis];
+            *right_side -= reduced.dot(&normal.right_side);
+            for (row, value) in by.iter_mut().zip(reduced.iter()) {
+                row[column] = *value;
             }
         }
         // All of the block's own entries: what lies above the diagonal is not looked at.

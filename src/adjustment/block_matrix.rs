@@ -61,7 +61,9 @@ impl BlockMatrix {
             let mut scaled = Vec::with_capacity(values.len());
             for (entry, &row) in structure.columns[block].rows.iter().enumerate() {
                 let rows = &scale[structure.range(row as usize)];
-                let entries = self.block(structure, block, entry).chunks(rows.len().max(1));
+                let entries = self
+                    .block(structure, block, entry)
+                    .chunks(rows.len().max(1));
                 for (entries, by_column) in entries.zip(&scale[structure.range(block)]) {
                     let entries = entries.iter().zip(rows);
                     scaled.extend(entries.map(|(value, by_row)| value * (by_row * by_column)));
@@ -81,7 +83,9 @@ impl BlockMatrix {
         for (block, column) in structure.columns.iter().enumerate() {
             for (entry, &row) in column.rows.iter().enumerate() {
                 let rows = structure.range(row as usize);
-                let values = self.block(structure, block, entry).chunks(rows.len().max(1));
+                let values = self
+                    .block(structure, block, entry)
+                    .chunks(rows.len().max(1));
                 for (j, values) in structure.range(block).zip(values) {
                     for (value, i) in values.iter().zip(rows.clone()) {
                         dense[(i, j)] = *value;

@@ -23,10 +23,7 @@ const PAR: Par = Par::Seq;
 /// lies above the diagonal is not looked at.
 ///
 /// Cost: a third of the cube of the unknowns less that of what is left.
-pub(super) fn eliminate(
-    values: &mut DMatrix<f64>,
-    width: usize,
-) -> Result<(), factor::LltError> {
+pub(super) fn eliminate(values: &mut DMatrix<f64>, width: usize) -> Result<(), factor::LltError> {
     let size = values.nrows();
     for start in (0..width).step_by(PANEL) {
         let end = width.min(start + PANEL);
@@ -110,7 +107,14 @@ fn panel_inverse(
     // (L11 L11^T)^-1 = L11^-T L11^-1.
     let mut first = DMatrix::zeros(width, width);
     let transposed = inverse_of_lower.transpose();
-    matmul(view_mut(&mut first), Accum::Replace, transposed, inverse_of_lower, 1.0, PAR);
+    matmul(
+        view_mut(&mut first),
+        Accum::Replace,
+        transposed,
+        inverse_of_lower,
+        1.0,
+        PAR,
+    );
     let mut coupling = DMatrix::<f64>::zeros(left, width);
     row_tiles(view_mut(&mut coupling), 0, &|row, tile| {
         let rows = below.subrows(row, tile.nrows());
@@ -121,12 +125,22 @@ fn panel_inverse(
         let rows = rest.subrows(row, tile.nrows());
         matmul(tile, Accum::Replace, rows, view(&coupling), -1.0, PAR);
     });
-    let tiles = first.as_mut_slice().par_chunks_mut(TILE * width).enumerate();
+    let tiles = first
+        .as_mut_slice()
+        .par_chunks_mut(TILE * width)
+        .enumerate();
     tiles.for_each(|(tile, columns)| {
         let tile_width = columns.len() / width;
         let columns = MatMut::from_column_major_slice_mut(columns, width, tile_width);
         let of_tile = view(&second).subcols(tile * TILE, tile_width);
-        matmul(columns, Accum::Add, view(&coupling).transpose(), of_tile, -1.0, PAR);
+        matmul(
+            columns,
+            Accum::Add,
+            view(&coupling).transpose(),
+            of_tile,
+            -1.0,
+            PAR,
+        );
     });
     (first, second)
 }
@@ -193,9 +207,14 @@ mod tests {
             let left = size - width;
             let mut rest = DMatrix::zeros(size, size);
             let below = values.view((width, width), (left, left)).lower_triangle();
-            rest.view_mut((width, width), (left, left)).copy_from(&below);
+            rest.view_mut((width, width), (left, left))
+                .copy_from(&below);
             let off = (&factor * factor.transpose() + rest - whole).lower_triangle();
-            assert!(off.amax() < 1e-11 * size as f64, "{size} {width}: {}", off.amax());
+            assert!(
+                off.amax() < 1e-11 * size as f64,
+                "{size} {width}: {}",
+                off.amax()
+            );
         }
     }
 
@@ -209,7 +228,9 @@ mod tests {
             let mut inverse = DMatrix::zeros(size, size);
             let left = size - width;
             let known = wanted.view((width, width), (left, left));
-            inverse.view_mut((width, width), (left, left)).copy_from(&known);
+            inverse
+                .view_mut((width, width), (left, left))
+                .copy_from(&known);
             complete_inverse(&values.columns(0, width).into_owned(), &mut inverse);
             let off = (inverse - wanted).amax();
             assert!(off < 1e-13, "{size} {width}: {off}");

@@ -367,6 +367,7 @@ fn in_datum(
 
 #[cfg(test)]
 mod tests {
+    use super::super::selected_inverse::Multiplicand;
     use super::*;
     use rand::{RngExt as _, SeedableRng as _};
     use rand_chacha::ChaCha8Rng;
@@ -468,7 +469,7 @@ mod tests {
                 let columns: Vec<[f64; 4]> = (0..unknowns.len())
                     .map(|k| [k as f64, 1.0, (k as f64).cos(), 0.0])
                     .collect();
-                let twice = [(); 2].map(|()| super::super::selected_inverse::Factor {
+                let twice = [(); 2].map(|()| Multiplicand {
                     blocks: &with_places,
                     columns: &columns,
                 });

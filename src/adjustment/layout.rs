@@ -61,7 +61,10 @@ impl PointFrame {
 
     /// The places of one of its blocks.
     pub(super) fn places(&self, at: usize) -> Range<usize> {
-        let end = self.blocks.get(at + 1).map_or(self.index.len(), |next| next.1);
+        let end = self
+            .blocks
+            .get(at + 1)
+            .map_or(self.index.len(), |next| next.1);
         self.blocks[at].1..end
     }
 

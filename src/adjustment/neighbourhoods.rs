@@ -13,12 +13,7 @@ pub(super) fn neighbourhoods(places: &[Vector3<f64>], most: usize) -> Vec<Vec<us
     groups
 }
 
-fn halve(
-    places: &[Vector3<f64>],
-    group: &mut [usize],
-    most: usize,
-    groups: &mut Vec<Vec<usize>>,
-) {
+fn halve(places: &[Vector3<f64>], group: &mut [usize], most: usize, groups: &mut Vec<Vec<usize>>) {
     if group.len() <= most {
         if !group.is_empty() {
             groups.push(group.to_vec());

@@ -58,17 +58,17 @@ impl RayRows {
         let root = weight.sqrt();
         let mut rows = [[0.0; MOST]; 2];
         let mut ends = [6; 4];
-        for axis in 0..2 {
-            for k in 0..6 {
-                rows[axis][k] = equation.by_station[(axis, k)] * root;
+        for (axis, rows) in rows.iter_mut().enumerate() {
+            for (k, row) in rows[..6].iter_mut().enumerate() {
+                *row = equation.by_station[(axis, k)] * root;
             }
         }
         let of_camera = [&layout.camera_own, &layout.camera_free];
         for (parameters, part) in of_camera.into_iter().zip(1..) {
             let parameters = &parameters[ray.camera];
             let first = ends[part - 1];
-            for axis in 0..2 {
-                for (row, &parameter) in rows[axis][first..].iter_mut().zip(parameters) {
+            for (axis, rows) in rows.iter_mut().enumerate() {
+                for (row, &parameter) in rows[first..].iter_mut().zip(parameters) {
                     *row = equation.by_camera[(axis, parameter)] * root;
                 }
             }
@@ -76,9 +76,9 @@ impl RayRows {
         }
         ends[3] = ends[2];
         if frame.own_at.is_some() {
-            for &axis_of_point in &layout.unknown_axes[frame.point] {
-                for axis in 0..2 {
-                    rows[axis][ends[3]] = equation.by_point[(axis, axis_of_point)] * root;
+            for &coordinate in &layout.unknown_axes[frame.point] {
+                for (axis, rows) in rows.iter_mut().enumerate() {
+                    rows[ends[3]] = equation.by_point[(axis, coordinate)] * root;
                 }
                 ends[3] += 1;
             }

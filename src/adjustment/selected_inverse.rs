@@ -1,6 +1,8 @@
 //! The entries of the inverse of the reduced normal matrix where its factor has entries (Takahashi, Fagan and Chen, 1973;
 //! Erisman and Tinney, 1975): all that a covariance of a point, a station or a camera needs, exact, without the whole inverse.
 
+use std::ops::Range;
+
 use nalgebra::{DMatrix, DVector};
 use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
@@ -84,11 +86,15 @@ impl SelectedInverse {
     /// meet. Neighbours are asked for together: what they share of the inverse is looked at once.
     ///
     /// Cost: of each the square of its blocks, 36 entries of the inverse for each two.
-    pub(super) fn times(&self, structure: &Structure, of: Vec<Factor<'_>>) -> Vec<PointColumns> {
+    pub(super) fn times(
+        &self,
+        structure: &Structure,
+        of: Vec<Multiplicand<'_>>,
+    ) -> Vec<PointColumns> {
         Arch::new().dispatch(Products {
             inverse: self,
             structure,
-            factors: of,
+            of,
         })
     }
 
@@ -101,7 +107,7 @@ impl SelectedInverse {
 }
 
 /// What the inverse is multiplied with: three columns with entries at some blocks, which each have a first place in them.
-pub(super) struct Factor<'a> {
+pub(super) struct Multiplicand<'a> {
     pub(super) blocks: &'a [(usize, usize)],
     pub(super) columns: &'a PointColumns,
 }
@@ -112,10 +118,11 @@ struct Product<'a> {
     order: Vec<(usize, usize)>,
     columns: &'a PointColumns,
     product: PointColumns,
-    /// How many blocks are done, the last of them that is eliminated in the present front, and where it has the blocks from the first
-    /// of these on.
+    /// How many of the blocks are done.
     done: usize,
-    front: std::ops::Range<usize>,
+    /// Those that are eliminated in the present front.
+    in_front: Range<usize>,
+    /// Where that front has these and all that follow.
     places: Vec<usize>,
 }
 
@@ -123,7 +130,7 @@ struct Product<'a> {
 struct Products<'a> {
     inverse: &'a SelectedInverse,
     structure: &'a Structure,
-    factors: Vec<Factor<'a>>,
+    of: Vec<Multiplicand<'a>>,
 }
 
 impl NullaryFnOnce for Products<'_> {
@@ -136,7 +143,7 @@ impl NullaryFnOnce for Products<'_> {
         } = self;
         let position = |of: &(usize, usize)| structure.position[of.0];
         let mut products: Vec<Product<'_>> = Vec::new();
-        for Factor { blocks, columns } in self.factors {
+        for Multiplicand { blocks, columns } in self.of {
             let mut order = blocks.to_vec();
             order.sort_unstable_by_key(position);
             products.push(Product {
@@ -144,7 +151,7 @@ impl NullaryFnOnce for Products<'_> {
                 columns,
                 product: vec![[0.0; 4]; columns.len()],
                 done: 0,
-                front: 0..0,
+                in_front: 0..0,
                 places: Vec::new(),
             });
         }
@@ -160,7 +167,10 @@ impl NullaryFnOnce for Products<'_> {
                 }
             }
         }
-        products.into_iter().map(|product| product.product).collect()
+        products
+            .into_iter()
+            .map(|product| product.product)
+            .collect()
     }
 }
 
@@ -171,13 +181,13 @@ impl Product<'_> {
         let at = self.done;
         let (block, column) = self.order[at];
         let front = &structure.fronts[structure.front_of[block]];
-        if at >= self.front.end {
+        if at >= self.in_front.end {
             let ends_here = |of: &(usize, usize)| front.is_done_with(structure, of.0);
-            self.front = at..at + self.order[at..].partition_point(ends_here);
+            self.in_front = at..at + self.order[at..].partition_point(ends_here);
             let later = self.order[at..].iter().map(|(block, _)| *block);
             self.places = front.places_of(structure, later);
         }
-        let places = &self.places[at - self.front.start..];
+        let places = &self.places[at - self.in_front.start..];
         for (&(_, row), &place) in self.order[at..].iter().zip(places) {
             let entries = inverse.entries(front, block, places[0], place);
             let height = front.height(place);

@@ -12,7 +12,7 @@ use super::layout::{Layout, PointFrame};
 use super::neighbourhoods::neighbourhoods;
 use super::normals::distance_row;
 use super::ray_rows::{MOST_OF_STATION, RayRows};
-use super::selected_inverse::{Factor, PointColumns, SelectedInverse};
+use super::selected_inverse::{Multiplicand, PointColumns, SelectedInverse};
 use super::solved::SolvedNetwork;
 use super::solver::other_squares;
 use super::{
@@ -90,13 +90,21 @@ fn by_point(network: &SolvedNetwork, stations: &[StationCofactors]) -> Vec<Point
         let cofactors = cofactors_of(network, group).into_iter();
         let statistics = group.iter().zip(cofactors).map(|(&at, cofactors)| {
             let frame = &frames[at];
-            (at, point_statistics(network, stations, frame, at, &cofactors))
+            (
+                at,
+                point_statistics(network, stations, frame, at, &cofactors),
+            )
         });
         statistics.collect()
     });
-    let mut found = found.collect::<Vec<Vec<(usize, PointStatistics)>>>().concat();
+    let mut found = found
+        .collect::<Vec<Vec<(usize, PointStatistics)>>>()
+        .concat();
     found.sort_by_key(|(at, _)| *at);
-    found.into_iter().map(|(_, statistics)| statistics).collect()
+    found
+        .into_iter()
+        .map(|(_, statistics)| statistics)
+        .collect()
 }
 
 /// The variance of unit weight, a-posteriori.
@@ -193,7 +201,7 @@ fn point_statistics(
         let rows = RayRows::new(layout, frame, ray, equation, 1.0);
         let station = &stations[problem.observations[ray.observation].station];
         let by_station = rows.by_station_and_camera();
-        let of_station = &station.cofactor * by_station;
+        let of_station = station.cofactor * by_station;
         let mut moved = &station.moved * by_station;
         // Q' A^T of the point, and C^T A^T.
         let mut response = Matrix3x2::zeros();
@@ -255,11 +263,16 @@ fn cofactors_of(network: &SolvedNetwork, group: &[usize]) -> Vec<PointCofactors>
         columns
     };
     let columns: Vec<PointColumns> = group.iter().map(columns_of).collect();
-    let factors = group.iter().zip(&columns).map(|(&at, columns)| Factor {
-        blocks: &layout.frames[at].blocks,
-        columns,
-    });
-    let products = network.inverse.times(&layout.structure, factors.collect());
+    let multiplicands = group
+        .iter()
+        .zip(&columns)
+        .map(|(&at, columns)| Multiplicand {
+            blocks: &layout.frames[at].blocks,
+            columns,
+        });
+    let products = network
+        .inverse
+        .times(&layout.structure, multiplicands.collect());
     let all = group.iter().zip(&columns).zip(products);
     all.map(|((&at, columns), cross)| {
         let vector = |row: &[f64; 4]| Vector3::new(row[0], row[1], row[2]);
@@ -283,7 +296,11 @@ fn cofactors_of(network: &SolvedNetwork, group: &[usize]) -> Vec<PointCofactors>
 fn own_places(layout: &Layout, frame: &PointFrame) -> impl Iterator<Item = (usize, usize)> {
     let axes = layout.unknown_axes[frame.point].iter().copied();
     let start = frame.own_at.into_iter();
-    start.flat_map(move |start| axes.clone().enumerate().map(move |(k, axis)| (start + k, axis)))
+    start.flat_map(move |start| {
+        axes.clone()
+            .enumerate()
+            .map(move |(k, axis)| (start + k, axis))
+    })
 }
 
 /// Cofactors of what all rays of a station have in common: its own unknowns and those of its camera.
@@ -300,9 +317,7 @@ impl StationCofactors {
         let blocks = network.layout.station_blocks(station);
         let among = network.inverse.among(structure, &blocks);
         let mut cofactor = SMatrix::<f64, MOST_OF_STATION, MOST_OF_STATION>::zeros();
-        cofactor
-            .view_mut((0, 0), among.shape())
-            .copy_from(&among);
+        cofactor.view_mut((0, 0), among.shape()).copy_from(&among);
         let kept = &network.transformation.kept;
         let mut moved = OMatrix::<f64, Dyn, Const<MOST_OF_STATION>>::zeros(kept.ncols());
         let unknowns = blocks.iter().flat_map(|&block| structure.range(block));
