@@ -5,11 +5,11 @@ mod identification_trials;
 use identification_trials::picture::Pictured;
 use identification_trials::scene::Scene;
 use identification_trials::verdict::{Verdict, concluded_with, identified, oriented};
-use tiepoint::network::Stage;
+use tiepoint::network::{AbsenceKind, Stage};
 
-/// Scenes of the short form: of every form, few images and many, grids and random fields. Of the first 200 numbers two (33 and 130)
-/// have a wrong label each; they are not among these and stand in the README.
-const SCENES: [u64; 14] = [3, 4, 6, 9, 14, 16, 17, 18, 19, 21, 23, 26, 34, 37];
+/// Scenes of the short form: of every form, few images and many, grids and random fields. In 33 and 130 a false dot lies in the place of
+/// a target that was not detected, and only its shape tells.
+const SCENES: [u64; 16] = [3, 4, 6, 9, 14, 16, 17, 18, 19, 21, 23, 26, 33, 34, 37, 130];
 
 #[test]
 fn nearly_every_dot_is_named_and_none_wrongly() {
@@ -33,6 +33,22 @@ fn nearly_every_dot_is_named_and_none_wrongly() {
     assert!(total.identifiable > 50_000, "{}", total.identifiable);
     let unexplained = total.reasons.get("no reason");
     assert_eq!(unexplained, None, "every dot without a name has a reason");
+}
+
+#[test]
+fn a_target_in_a_picture_that_cannot_be_read_again_is_missing_for_that_reason() {
+    let scene = Scene::numbered(6);
+    let network = identified(&oriented(&scene.network));
+    let absences = network
+        .oriented_images()
+        .flat_map(|(_, image, _)| image.absent());
+    let unreadable: Vec<&str> = absences
+        .filter(|(_, absence)| absence.kind == AbsenceKind::Unreadable)
+        .map(|(_, absence)| absence.reason.as_str())
+        .collect();
+    assert!(unreadable.len() > 10, "{}", unreadable.len());
+    let says_why = |reason: &&str| reason.contains("a trial has no pictures");
+    assert!(unreadable.iter().all(says_why), "{unreadable:?}");
 }
 
 #[test]

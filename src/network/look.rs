@@ -77,6 +77,8 @@ pub enum AbsenceKind {
     Ambiguous,
     /// Its place is predicted too roughly to look.
     Vague,
+    /// The picture could not be read again to look.
+    Unreadable,
 }
 
 impl fmt::Display for AbsenceKind {
@@ -92,6 +94,7 @@ impl fmt::Display for AbsenceKind {
             AbsenceKind::Elsewhere => "beside the predicted place",
             AbsenceKind::Ambiguous => "ambiguous",
             AbsenceKind::Vague => "predicted too roughly",
+            AbsenceKind::Unreadable => "in a picture that cannot be read",
         })
     }
 }

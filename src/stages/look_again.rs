@@ -269,6 +269,14 @@ fn look_at(
         Ok(picture) => picture,
         Err(_) if monitor.is_interrupted() => return None,
         Err(reason) => {
+            for (target, expected) in &wanted {
+                let absence = Absence {
+                    place_px: expected.centre_px,
+                    kind: AbsenceKind::Unreadable,
+                    reason: format!("not looked for: {reason}"),
+                };
+                looked.note(target, absence);
+            }
             looked.look.unreadable = Some(reason);
             return Some(looked);
         }
