@@ -15,6 +15,7 @@ use tiepoint::adjustment::{
 };
 use tiepoint::camera::{Camera, InteriorOrientation, LensDirection};
 use tiepoint::geometry::Pose;
+use tiepoint::monitor::Monitor;
 
 /// Standard deviation of the simulated image points, px.
 const SIGMA_PX: f64 = 0.04;
@@ -63,7 +64,7 @@ fn measure(folder: &Path, lens: Lens) {
         BundleSolver::new(problem, BundleSettings::default()).expect("a sound problem");
     let mut iterations = 0;
     loop {
-        let iteration = solver.iterate().expect("a step");
+        let iteration = solver.iterate(&Monitor::new()).expect("a step");
         iterations += 1;
         if iteration.termination.is_some() {
             break;
@@ -71,7 +72,7 @@ fn measure(folder: &Path, lens: Lens) {
     }
     let solved = begun.elapsed().as_secs_f64();
     let begun = Instant::now();
-    let adjustment = solver.finish().expect("an end");
+    let adjustment = solver.finish(&Monitor::new()).expect("an end");
     let statistics = begun.elapsed().as_secs_f64();
     let sigmas: Vec<f64> = adjustment
         .points

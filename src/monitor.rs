@@ -121,7 +121,13 @@ pub struct Task<'a> {
     done: AtomicU64,
 }
 
-impl Task<'_> {
+impl<'a> Task<'a> {
+    /// Whom the task reports to, for what is done within a unit.
+    #[must_use]
+    pub fn monitor(&self) -> &'a Monitor {
+        self.monitor
+    }
+
     /// One unit finished or about to be done: reports it and obeys the interrupt.
     ///
     /// # Errors

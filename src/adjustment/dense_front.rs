@@ -10,6 +10,8 @@ use faer::{Accum, MatMut, MatRef, Par, Spec};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
+use crate::monitor::{Interrupted, Monitor};
+
 /// Columns that are eliminated at once.
 const PANEL: usize = 256;
 
@@ -19,13 +21,39 @@ const TILE: usize = 128;
 /// One thread for each tile.
 const PAR: Par = Par::Seq;
 
+/// Why a front was not factorised.
+#[derive(Debug)]
+pub(super) enum NotEliminated {
+    /// It is not positive.
+    NotPositive,
+    /// The work was asked to stop.
+    Interrupted(Interrupted),
+}
+
+impl From<factor::LltError> for NotEliminated {
+    fn from(_: factor::LltError) -> Self {
+        Self::NotPositive
+    }
+}
+
+impl From<Interrupted> for NotEliminated {
+    fn from(interrupted: Interrupted) -> Self {
+        Self::Interrupted(interrupted)
+    }
+}
+
 /// Replaces the first `width` columns of a lower triangle by those of its Cholesky factor, and the rest of it by what is left; what
 /// lies above the diagonal is not looked at.
 ///
 /// Cost: a third of the cube of the unknowns less that of what is left.
-pub(super) fn eliminate(values: &mut DMatrix<f64>, width: usize) -> Result<(), factor::LltError> {
+pub(super) fn eliminate(
+    values: &mut DMatrix<f64>,
+    width: usize,
+    monitor: &Monitor,
+) -> Result<(), NotEliminated> {
     let size = values.nrows();
     for start in (0..width).step_by(PANEL) {
+        monitor.check()?;
         let end = width.min(start + PANEL);
         let (done, rest) = values.as_mut_slice().split_at_mut(end * size);
         let panel = &mut done[start * size..];
@@ -35,6 +63,10 @@ pub(super) fn eliminate(values: &mut DMatrix<f64>, width: usize) -> Result<(), f
         let (_, below) = panel.rb().split_at_row(end - start);
         let tiles = rest.par_chunks_mut(TILE * size).enumerate();
         tiles.for_each(|(tile, columns)| {
+            // What is left out then is given up with the whole.
+            if monitor.is_interrupted() {
+                return;
+            }
             let width = columns.len() / size;
             let columns = MatMut::from_column_major_slice_mut(columns, size, width);
             let (_, lower) = columns.split_at_row_mut(end + tile * TILE);
@@ -69,7 +101,14 @@ fn factorise_panel(panel: MatMut<'_, f64>) -> Result<(), factor::LltError> {
 /// panel, `Z21 = -Z22 U` and `Z11 = (L11 L11^T)^-1 + U^T Z22 U`, the last panel first.
 ///
 /// Cost: twice that of the factor.
-pub(super) fn complete_inverse(factor: &DMatrix<f64>, inverse: &mut DMatrix<f64>) {
+///
+/// # Errors
+/// [`Interrupted`] when the work was asked to stop.
+pub(super) fn complete_inverse(
+    factor: &DMatrix<f64>,
+    inverse: &mut DMatrix<f64>,
+    monitor: &Monitor,
+) -> Result<(), Interrupted> {
     let (size, width) = factor.shape();
     let starts: Vec<usize> = (0..width).step_by(PANEL).collect();
     for start in starts.into_iter().rev() {
@@ -77,7 +116,8 @@ pub(super) fn complete_inverse(factor: &DMatrix<f64>, inverse: &mut DMatrix<f64>
         let lower = view(factor).submatrix(start, start, size - start, end - start);
         let (own, below) = lower.split_at_row(end - start);
         let rest = view(inverse).submatrix(end, end, size - end, size - end);
-        let (first, second) = panel_inverse(own, below, rest);
+        let (first, second) = panel_inverse(own, below, rest, monitor);
+        monitor.check()?;
         inverse
             .view_mut((start, start), first.shape())
             .copy_from(&first);
@@ -92,13 +132,15 @@ pub(super) fn complete_inverse(factor: &DMatrix<f64>, inverse: &mut DMatrix<f64>
             }
         });
     }
+    Ok(())
 }
 
-/// `Z11` and `Z21` of a panel from its factor and `Z22`.
+/// `Z11` and `Z21` of a panel from its factor and `Z22`; parts are left out where the work was asked to stop.
 fn panel_inverse(
     own: MatRef<'_, f64>,
     below: MatRef<'_, f64>,
     rest: MatRef<'_, f64>,
+    monitor: &Monitor,
 ) -> (DMatrix<f64>, DMatrix<f64>) {
     let (left, width) = (below.nrows(), own.ncols());
     let mut back = DMatrix::<f64>::identity(width, width);
@@ -122,6 +164,9 @@ fn panel_inverse(
     });
     let mut second = DMatrix::zeros(left, width);
     row_tiles(view_mut(&mut second), 0, &|row, tile| {
+        if monitor.is_interrupted() {
+            return;
+        }
         let rows = rest.subrows(row, tile.nrows());
         matmul(tile, Accum::Replace, rows, view(&coupling), -1.0, PAR);
     });
@@ -202,7 +247,7 @@ mod tests {
         for (size, width) in SHAPES {
             let whole = positive(size, size as u64);
             let mut values = whole.clone();
-            eliminate(&mut values, width).expect("a positive matrix");
+            eliminate(&mut values, width, &Monitor::new()).expect("a positive matrix");
             let factor = values.columns(0, width).lower_triangle();
             let left = size - width;
             let mut rest = DMatrix::zeros(size, size);
@@ -223,7 +268,7 @@ mod tests {
         for (size, width) in SHAPES {
             let whole = positive(size, 7 + size as u64);
             let mut values = whole.clone();
-            eliminate(&mut values, width).expect("a positive matrix");
+            eliminate(&mut values, width, &Monitor::new()).expect("a positive matrix");
             let wanted = whole.try_inverse().expect("a regular matrix");
             let mut inverse = DMatrix::zeros(size, size);
             let left = size - width;
@@ -231,7 +276,12 @@ mod tests {
             inverse
                 .view_mut((width, width), (left, left))
                 .copy_from(&known);
-            complete_inverse(&values.columns(0, width).into_owned(), &mut inverse);
+            complete_inverse(
+                &values.columns(0, width).into_owned(),
+                &mut inverse,
+                &Monitor::new(),
+            )
+            .expect("nobody interrupts");
             let off = (inverse - wanted).amax();
             assert!(off < 1e-13, "{size} {width}: {off}");
         }
@@ -244,9 +294,14 @@ mod tests {
             let pool = pool.build().expect("a pool of threads");
             pool.install(|| {
                 let mut values = positive(900, 3);
-                eliminate(&mut values, 700).expect("a positive matrix");
+                eliminate(&mut values, 700, &Monitor::new()).expect("a positive matrix");
                 let mut inverse = DMatrix::identity(900, 900);
-                complete_inverse(&values.columns(0, 700).into_owned(), &mut inverse);
+                complete_inverse(
+                    &values.columns(0, 700).into_owned(),
+                    &mut inverse,
+                    &Monitor::new(),
+                )
+                .expect("nobody interrupts");
                 inverse
             })
         };
@@ -258,6 +313,18 @@ mod tests {
     fn what_is_not_positive_is_refused() {
         let mut values = positive(300, 5);
         values[(280, 280)] = -1.0;
-        assert!(eliminate(&mut values, 300).is_err());
+        assert!(eliminate(&mut values, 300, &Monitor::new()).is_err());
+    }
+
+    #[test]
+    fn a_front_is_given_up_where_the_work_is_to_stop() {
+        let monitor = Monitor::new();
+        monitor.interrupt();
+        let mut values = positive(600, 3);
+        let stopped = eliminate(&mut values, 600, &monitor);
+        assert!(matches!(stopped, Err(NotEliminated::Interrupted(_))));
+        let mut inverse = DMatrix::zeros(600, 600);
+        let stopped = complete_inverse(&values, &mut inverse, &monitor);
+        assert_eq!(stopped, Err(Interrupted));
     }
 }

@@ -6,12 +6,13 @@ use rayon::prelude::*;
 use super::AdjustmentError;
 use super::block_matrix::BlockMatrix;
 use super::datum::FreeMotions;
-use super::dense_front::eliminate;
+use super::dense_front::{NotEliminated, eliminate};
 use super::equations::State;
 use super::layout::Layout;
 use super::normals::{Normals, PIVOT_FLOOR};
 use super::selected_inverse::SelectedInverse;
 use super::structure::{Front, Structure};
+use crate::monitor::{Interrupted, Monitor};
 
 /// Eigenvalues of the scaled normal matrix below this belong to the null space that an error names.
 const NULL_EIGENVALUE: f64 = 1e-11;
@@ -43,6 +44,7 @@ impl Factor {
         layout: &Layout,
         state: &State,
         free: &FreeMotions,
+        monitor: &Monitor,
     ) -> Result<Self, AdjustmentError> {
         let structure = &layout.structure;
         let diagonal = normals.reduced.diagonal(structure);
@@ -60,8 +62,10 @@ impl Factor {
             &scale,
             &free.kept_rows(layout, state),
         );
-        let fronts = factorise(structure, &matrix, sound)
-            .map_err(|loose| rank_defect(normals, layout, state, free, loose))?;
+        let fronts = factorise(structure, &matrix, sound, monitor).map_err(|why| match why {
+            NotFactorised::Loose(unknown) => rank_defect(normals, layout, state, free, unknown),
+            NotFactorised::Interrupted(interrupted) => interrupted.into(),
+        })?;
         Ok(Self { scale, fronts })
     }
 
@@ -108,8 +112,15 @@ impl Factor {
     }
 
     /// The inverse of the regularised reduced matrix where the factor has entries.
-    pub(super) fn inverse(&self, structure: &Structure) -> SelectedInverse {
-        SelectedInverse::of(structure, &self.fronts, &self.scale)
+    ///
+    /// # Errors
+    /// [`Interrupted`] when the work was asked to stop.
+    pub(super) fn inverse(
+        &self,
+        structure: &Structure,
+        monitor: &Monitor,
+    ) -> Result<SelectedInverse, Interrupted> {
+        SelectedInverse::of(structure, &self.fronts, &self.scale, monitor)
     }
 }
 
@@ -141,6 +152,14 @@ fn add_datum(
     }
 }
 
+/// Why a matrix was not factorised.
+enum NotFactorised {
+    /// The pivot of this unknown is not sound.
+    Loose(usize),
+    /// The work was asked to stop.
+    Interrupted(Interrupted),
+}
+
 /// A front that was factorised, and what is left for its parent.
 struct Eliminated {
     factor: FrontFactor,
@@ -154,14 +173,18 @@ fn factorise(
     structure: &Structure,
     matrix: &BlockMatrix,
     sound: impl Fn(usize, f64) -> bool + Sync,
-) -> Result<Vec<FrontFactor>, usize> {
+    monitor: &Monitor,
+) -> Result<Vec<FrontFactor>, NotFactorised> {
     let mut done: Vec<Option<Eliminated>> = Vec::new();
     done.resize_with(structure.fronts.len(), || None);
     for level in &structure.levels {
         let level: Vec<(usize, Eliminated)> = level
             .par_iter()
-            .map(|&index| Ok((index, eliminated(structure, matrix, &done, index, &sound)?)))
-            .collect::<Result<_, usize>>()?;
+            .map(|&index| {
+                let front = eliminated(structure, matrix, &done, index, &sound, monitor)?;
+                Ok((index, front))
+            })
+            .collect::<Result<_, NotFactorised>>()?;
         for (index, front) in level {
             for &child in &structure.fronts[index].children {
                 if let Some(child) = &mut done[child] {
@@ -184,7 +207,8 @@ fn eliminated(
     done: &[Option<Eliminated>],
     index: usize,
     sound: impl Fn(usize, f64) -> bool,
-) -> Result<Eliminated, usize> {
+    monitor: &Monitor,
+) -> Result<Eliminated, NotFactorised> {
     let front = &structure.fronts[index];
     let (size, width) = (front.size(), front.width());
     let mut values = DMatrix::<f64>::zeros(size, size);
@@ -206,9 +230,12 @@ fn eliminated(
         .iter()
         .flat_map(|&block| structure.range(block))
         .collect();
-    eliminate(&mut values, width).map_err(|_| unknowns[0])?;
+    eliminate(&mut values, width, monitor).map_err(|why| match why {
+        NotEliminated::NotPositive => NotFactorised::Loose(unknowns[0]),
+        NotEliminated::Interrupted(interrupted) => NotFactorised::Interrupted(interrupted),
+    })?;
     if let Some(j) = (0..width).find(|&j| !sound(unknowns[j], values[(j, j)].powi(2))) {
-        return Err(unknowns[j]);
+        return Err(NotFactorised::Loose(unknowns[j]));
     }
     let rest = size - width;
     let left = (rest > 0).then(|| values.view((width, width), (rest, rest)).into_owned());
@@ -425,7 +452,8 @@ mod tests {
             dense.fill_upper_triangle_with_lower_triangle();
             let n = dense.nrows();
             let scale = DVector::from_fn(n, |i, _| 1.0 + 0.01 * i as f64);
-            let fronts = factorise(&structure, &matrix, |_, pivot| pivot > 0.0).unwrap();
+            let fronts =
+                factorise(&structure, &matrix, |_, pivot| pivot > 0.0, &Monitor::new()).unwrap();
             let factor = Factor {
                 scale: scale.clone(),
                 fronts,
@@ -439,7 +467,9 @@ mod tests {
                 "{seed}: {}",
                 off.amax()
             );
-            let inverse = factor.inverse(&structure);
+            let inverse = factor
+                .inverse(&structure, &Monitor::new())
+                .expect("nobody interrupts");
             for column in &structure.columns {
                 let blocks: Vec<usize> = [column.rows[0], column.rows[column.rows.len() - 1]]
                     .map(|block| block as usize)
@@ -492,7 +522,7 @@ mod tests {
     fn what_is_not_positive_is_named() {
         let (structure, mut matrix) = random(3);
         matrix.add(&structure, 1, 1, -400.0);
-        let failed = factorise(&structure, &matrix, |_, pivot| pivot > 0.0).err();
+        let failed = factorise(&structure, &matrix, |_, pivot| pivot > 0.0, &Monitor::new()).err();
         assert!(failed.is_some());
     }
 }

@@ -114,7 +114,7 @@ use crate::monitor::Monitor;
 /// Adjusts to convergence.
 ///
 /// # Errors
-/// As [`BundleSolver`]; [`AdjustmentError::Interrupted`] between iterations.
+/// As [`BundleSolver`]; [`AdjustmentError::Interrupted`] when the work was asked to stop.
 pub fn adjust(
     problem: BundleProblem,
     settings: BundleSettings,
@@ -124,9 +124,9 @@ pub fn adjust(
     let mut solver = BundleSolver::new(problem, settings)?;
     loop {
         task.step()?;
-        if solver.iterate()?.termination.is_some() {
+        if solver.iterate(monitor)?.termination.is_some() {
             break;
         }
     }
-    solver.finish()
+    solver.finish(monitor)
 }

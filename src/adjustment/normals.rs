@@ -14,6 +14,7 @@ use super::interior::interior_priors;
 use super::layout::{FrameOfBlock, Layout, PointFrame, PointRole};
 use super::neighbourhoods::neighbourhoods;
 use super::{AdjustmentError, BundleProblem, ParameterName};
+use crate::monitor::{Interrupted, Monitor};
 
 /// A pivot below this part of the unknown's own normal matrix diagonal is rounding: the unknown is not determined.
 pub(super) const PIVOT_FLOOR: f64 = 1e-13;
@@ -91,6 +92,7 @@ impl Normals {
         equations: &Equations,
         weights: &[f64],
         damping: f64,
+        monitor: &Monitor,
     ) -> Result<Self, AdjustmentError> {
         let system = System {
             problem,
@@ -101,7 +103,11 @@ impl Normals {
             damping,
         };
         let frames = layout.frames.par_iter().with_min_len(16);
-        let looked: Vec<Looked> = frames.map(|frame| system.look_at(frame)).collect();
+        let looked = frames.map(|frame| {
+            monitor.check()?;
+            Ok(system.look_at(frame))
+        });
+        let looked: Vec<Looked> = looked.collect::<Result<_, Interrupted>>()?;
         let mut loose = Vec::new();
         let mut points = Vec::with_capacity(looked.len());
         for (frame, looked) in layout.frames.iter().zip(looked) {
@@ -129,7 +135,7 @@ impl Normals {
             unreduced_diagonal: DVector::zeros(layout.kept),
             points,
         };
-        for sum in sums(&system, &normals.points) {
+        for sum in sums(&system, &normals.points, monitor)? {
             let unknowns = structure.range(sum.block);
             let right_side = &mut normals.right_side.as_mut_slice()[unknowns.clone()];
             right_side.copy_from_slice(sum.right_side.as_slice());
@@ -235,24 +241,29 @@ fn parts<'a>(layout: &'a Layout, state: &State) -> Vec<Part<'a>> {
 /// The columns of all blocks, with their points. Every sum runs over the points in their order.
 ///
 /// Cost: of each point the square of its stations, 36 entries for each two.
-fn sums(system: &System<'_>, points: &[Option<PointNormal>]) -> Vec<BlockColumns> {
+fn sums(
+    system: &System<'_>,
+    points: &[Option<PointNormal>],
+    monitor: &Monitor,
+) -> Result<Vec<BlockColumns>, Interrupted> {
     let structure = &system.layout.structure;
     let parts = parts(system.layout, system.state);
     let found = parts.par_iter().with_max_len(1).map(|part| {
+        monitor.check()?;
         let mut visits: Vec<(&FrameOfBlock, usize)> = Vec::new();
         for (column, (_, frames)) in part.blocks.iter().enumerate() {
             visits.extend(frames.iter().map(|of| (of, column)));
         }
         visits.sort_by_key(|(of, _)| of.frame);
         let column = |&(block, _): &(usize, _)| BlockColumns::zeros(block, structure);
-        Arch::new().dispatch(ColumnSum {
+        Ok(Arch::new().dispatch(ColumnSum {
             system,
             columns: part.blocks.iter().map(column).collect(),
             visits: &visits,
             points,
-        })
+        }))
     });
-    let found: Vec<Vec<BlockColumns>> = found.collect();
+    let found: Vec<Vec<BlockColumns>> = found.collect::<Result<_, Interrupted>>()?;
     let mut sums: Vec<Option<BlockColumns>> = Vec::new();
     sums.resize_with(structure.blocks(), || None);
     for sum in found.into_iter().flatten() {
@@ -262,8 +273,9 @@ fn sums(system: &System<'_>, points: &[Option<PointNormal>]) -> Vec<BlockColumns
         }
     }
     let sums = sums.into_iter().enumerate();
-    sums.map(|(block, sum)| sum.unwrap_or_else(|| BlockColumns::zeros(block, structure)))
-        .collect()
+    Ok(sums
+        .map(|(block, sum)| sum.unwrap_or_else(|| BlockColumns::zeros(block, structure)))
+        .collect())
 }
 
 /// The non-zero derivatives of a distance by unknowns of the reduced system.

@@ -164,7 +164,8 @@ impl<'a> Snooping<'a> {
             iterations: self.bundle.iterations.min(DRAFT_ITERATIONS),
             robust_start: RobustStart::Off,
         };
-        let draft = self.solve(settings, task, |_| false)?.finish_as_it_is()?;
+        let solver = self.solve(settings, task, |_| false)?;
+        let draft = solver.finish_as_it_is(task.monitor())?;
         self.state = State::of(&draft);
         Ok(draft)
     }
@@ -175,7 +176,7 @@ impl<'a> Snooping<'a> {
             ..self.bundle
         };
         let solver = self.solve(settings, task, |_| false)?;
-        let adjustment = solver.finish()?;
+        let adjustment = solver.finish(task.monitor())?;
         self.state = State::of(&adjustment);
         if let Some(motion) = &adjustment.motion {
             // The datum and known coordinates refer to the place the problem was given in.
@@ -197,7 +198,7 @@ impl<'a> Snooping<'a> {
                 BundleSolver::resume(self.problem.clone(), settings, self.state.clone())?;
             loop {
                 task.step()?;
-                match solver.iterate() {
+                match solver.iterate(task.monitor()) {
                     Ok(_) if self.drop_runaways(solver.state()) => {
                         self.state = solver.state().clone();
                         continue 'restart;

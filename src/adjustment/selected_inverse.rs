@@ -10,6 +10,7 @@ use rayon::prelude::*;
 use super::dense_front::complete_inverse;
 use super::factor::FrontFactor;
 use super::structure::{Front, Structure};
+use crate::monitor::{Interrupted, Monitor};
 
 /// Three columns over the places of a point's frame, and a zero: a row fills a vector register.
 pub(super) type PointColumns = Vec<[f64; 4]>;
@@ -24,7 +25,15 @@ impl SelectedInverse {
     /// From the factors of the fronts of `D S D`, with the diagonal of `D`.
     ///
     /// Cost: some two times that of the factorisation.
-    pub(super) fn of(structure: &Structure, factors: &[FrontFactor], scale: &DVector<f64>) -> Self {
+    ///
+    /// # Errors
+    /// [`Interrupted`] when the work was asked to stop.
+    pub(super) fn of(
+        structure: &Structure,
+        factors: &[FrontFactor],
+        scale: &DVector<f64>,
+        monitor: &Monitor,
+    ) -> Result<Self, Interrupted> {
         let count = structure.fronts.len();
         // Of every front, all its rows and columns, as long as another one takes from it.
         let mut whole: Vec<Option<DMatrix<f64>>> = vec![None; count];
@@ -32,12 +41,12 @@ impl SelectedInverse {
         let mut columns = vec![Vec::new(); structure.blocks()];
         for level in structure.levels.iter().rev() {
             let found = level.par_iter().map(|&index| {
-                let inverse = whole_front(structure, factors, &whole, index);
+                let inverse = whole_front(structure, factors, &whole, index, monitor)?;
                 let own = own_columns(structure, &inverse, scale, index);
                 let is_used = !structure.fronts[index].children.is_empty();
-                (own, is_used.then_some(inverse))
+                Ok((own, is_used.then_some(inverse)))
             });
-            let found: Vec<_> = found.collect();
+            let found: Vec<_> = found.collect::<Result<_, Interrupted>>()?;
             for (&index, (own, inverse)) in level.iter().zip(found) {
                 let front = &structure.fronts[index];
                 for (&block, values) in front.blocks.iter().zip(own) {
@@ -52,7 +61,7 @@ impl SelectedInverse {
                 }
             }
         }
-        Self { columns }
+        Ok(Self { columns })
     }
 
     /// The entries of some blocks with each other; all of them must meet.
@@ -274,7 +283,8 @@ fn whole_front(
     factors: &[FrontFactor],
     whole: &[Option<DMatrix<f64>>],
     index: usize,
-) -> DMatrix<f64> {
+    monitor: &Monitor,
+) -> Result<DMatrix<f64>, Interrupted> {
     let front = &structure.fronts[index];
     let (size, width) = (front.size(), front.width());
     let mut inverse = DMatrix::<f64>::zeros(size, size);
@@ -286,8 +296,8 @@ fn whole_front(
             }
         }
     }
-    complete_inverse(&factors[index].columns, &mut inverse);
-    inverse
+    complete_inverse(&factors[index].columns, &mut inverse, monitor)?;
+    Ok(inverse)
 }
 
 /// What [`SelectedInverse`] keeps of a front, by its own blocks, with the scale taken out.

@@ -15,6 +15,7 @@ use super::statistics::{self, Counts};
 use super::transformation::{Transformation, add_to_right_side, point_rows, solved};
 use super::{Adjustment, AdjustmentError, BundleProblem, Datum, Termination};
 use crate::geometry::Similarity;
+use crate::monitor::{Interrupted, Monitor};
 
 /// Unknowns that belong together, by their place in the problem.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -72,20 +73,24 @@ impl SolvedNetwork {
         state: State,
         iterations: usize,
         termination: Termination,
+        monitor: &Monitor,
     ) -> Result<Self, AdjustmentError> {
         let equations = Equations::at(&problem, &layout, &state);
         let used = problem.observations.iter().zip(&layout.used);
         let weights: Vec<f64> = used
             .map(|(o, used)| if *used { o.sigma_px.powi(-2) } else { 0.0 })
             .collect();
-        let normals = Normals::build(&problem, &layout, &state, &equations, &weights, 0.0)?;
+        let normals = Normals::build(
+            &problem, &layout, &state, &equations, &weights, 0.0, monitor,
+        )?;
         let free = FreeMotions::of(&problem, &layout, &state);
-        let factor = Factor::new(&normals, &layout, &state, &free)?;
-        let inverse = factor.inverse(&layout.structure);
+        let factor = Factor::new(&normals, &layout, &state, &free, monitor)?;
+        let inverse = factor.inverse(&layout.structure, monitor)?;
         let counts = Counts::of(&problem, &layout, &state, free.defect());
         let variance = statistics::variance(&problem, &layout, &state, &equations, &counts);
         let onto_datum = STransformation::new(free, &problem, &layout, &state)?;
-        let transformation = Transformation::new(onto_datum, &layout, &state, &normals, &factor);
+        let transformation =
+            Transformation::new(onto_datum, &layout, &state, &normals, &factor, monitor)?;
         let into_frame = frame_motion(&problem, &state.points)?;
         Ok(Self {
             problem,
@@ -109,20 +114,26 @@ impl SolvedNetwork {
     ///
     /// # Errors
     /// As the adjustment.
-    pub fn of(problem: BundleProblem, adjustment: &Adjustment) -> Result<Self, AdjustmentError> {
+    pub fn of(
+        problem: BundleProblem,
+        adjustment: &Adjustment,
+        monitor: &Monitor,
+    ) -> Result<Self, AdjustmentError> {
         let layout = Layout::new(&problem)?;
         let mut state = State::of(adjustment);
         if let Some(motion) = &adjustment.motion {
             apply(&motion.inverse(), &mut state);
         }
         let (iterations, termination) = (adjustment.iterations, adjustment.termination);
-        Self::new(problem, layout, state, iterations, termination)
+        Self::new(problem, layout, state, iterations, termination, monitor)
     }
 
     /// The estimates with their statistics, in the chosen datum and frame.
-    #[must_use]
-    pub fn adjustment(&self) -> Adjustment {
-        let mut adjustment = statistics::adjustment(self);
+    ///
+    /// # Errors
+    /// [`Interrupted`] when the work was asked to stop.
+    pub fn adjustment(&self, monitor: &Monitor) -> Result<Adjustment, Interrupted> {
+        let mut adjustment = statistics::adjustment(self, monitor)?;
         if self.onto_datum != Similarity::identity() {
             move_adjustment(&mut adjustment, &self.onto_datum);
         }
@@ -131,7 +142,7 @@ impl SolvedNetwork {
             hold(frame, &mut adjustment);
             adjustment.motion = Some(*motion);
         }
-        adjustment
+        Ok(adjustment)
     }
 
     /// The same network in the datum of inner constraints over other points (indices into [`BundleProblem::points`]): the
@@ -141,9 +152,13 @@ impl SolvedNetwork {
     /// Cost: seven solves with the factor, and what the statistics of all points cost.
     ///
     /// # Errors
-    /// [`AdjustmentError::DatumPoints`] where they do not fix what is free; [`AdjustmentError::FramePoint`] or
+    /// [`AdjustmentError::Interrupted`]; [`AdjustmentError::DatumPoints`] where they do not fix what is free; [`AdjustmentError::FramePoint`] or
     /// [`AdjustmentError::FrameShape`] as in the adjustment.
-    pub fn in_datum(mut self, points: Vec<usize>) -> Result<Self, AdjustmentError> {
+    pub fn in_datum(
+        mut self,
+        points: Vec<usize>,
+        monitor: &Monitor,
+    ) -> Result<Self, AdjustmentError> {
         self.layout.set_datum_points(&points);
         self.problem.datum = Datum::InnerConstraints { points };
         let free = FreeMotions::of(&self.problem, &self.layout, &self.state);
@@ -159,7 +174,8 @@ impl SolvedNetwork {
             &self.state,
             &self.normals,
             &self.factor,
-        );
+            monitor,
+        )?;
         Ok(self)
     }
 

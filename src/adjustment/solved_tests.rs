@@ -12,8 +12,13 @@ use crate::geometry::{AxisOrder, ThreeTwoOne};
 
 fn solved(problem: &BundleProblem) -> SolvedNetwork {
     let mut solver = BundleSolver::new(problem.clone(), BundleSettings::default()).unwrap();
-    while solver.iterate().unwrap().termination.is_none() {}
-    solver.solved().unwrap()
+    while solver
+        .iterate(&Monitor::new())
+        .unwrap()
+        .termination
+        .is_none()
+    {}
+    solver.solved(&Monitor::new()).unwrap()
 }
 
 /// A toy network with a lens that its few rays can carry.
@@ -46,7 +51,7 @@ fn joint_covariances_and_influences_agree_with_dense_algebra() {
         points: vec![1, 3, 8, 12],
     };
     let network = solved(&problem);
-    let adjustment = network.adjustment();
+    let adjustment = network.adjustment(&Monitor::new()).unwrap();
     let layout = Layout::new(&problem).unwrap();
     let state = State::of(&adjustment);
     let a = dense_design(&problem, &layout, &state);
@@ -112,7 +117,13 @@ fn a_station_knows_its_covariance_with_its_camera() {
     let Simulated { truth, mut problem } = toy_with_lens(31);
     problem.distances = vec![bar(&truth, 0, 7, 0.004)];
     let network = solved(&problem);
-    for (index, station) in network.adjustment().stations.iter().enumerate() {
+    for (index, station) in network
+        .adjustment(&Monitor::new())
+        .unwrap()
+        .stations
+        .iter()
+        .enumerate()
+    {
         let camera = Part::Camera(station.camera);
         let joint = network.covariance(&[Part::Station(index), camera]).unwrap();
         let reference = joint.view((0, 6), (6, 10));
@@ -126,9 +137,9 @@ fn a_station_knows_its_covariance_with_its_camera() {
 #[test]
 fn an_error_moves_its_point_as_foretold() {
     let Simulated { mut problem, .. } = box_network(&scene(32));
-    let before = solved(&problem).adjustment();
+    let before = solved(&problem).adjustment(&Monitor::new()).unwrap();
     problem.observations[77].pixel.y += 1e-3;
-    let after = solved(&problem).adjustment();
+    let after = solved(&problem).adjustment(&Monitor::new()).unwrap();
     let point = problem.observations[77].point;
     let moved = (after.points[point].position - before.points[point].position).norm();
     let foretold = 1e-3 * before.observations[77].influence_mm_per_px.y;
@@ -156,10 +167,13 @@ fn another_datum_is_that_of_an_adjustment_in_it() {
         };
         let first = solved(&problem);
         let chosen = vec![1, 5, 9, 14, 30];
-        let switched = first.in_datum(chosen.clone()).unwrap();
+        let switched = first.in_datum(chosen.clone(), &Monitor::new()).unwrap();
         problem.datum = Datum::InnerConstraints { points: chosen };
         let anew = solved(&problem);
-        let (a, b) = (switched.adjustment(), anew.adjustment());
+        let (a, b) = (
+            switched.adjustment(&Monitor::new()).unwrap(),
+            anew.adjustment(&Monitor::new()).unwrap(),
+        );
         let parts = [Part::Point(9), Part::Station(3), Part::Point(50)];
         let [joint, reference] = [&switched, &anew].map(|n| n.covariance(&parts).unwrap());
         assert!((joint - &reference).norm() < 1e-6 * reference.norm());
@@ -228,7 +242,7 @@ proptest! {
         let first = solved(&problem);
         let quantities = invariants(with_bar);
         let reference = first.derived(&quantities).unwrap();
-        let other = first.in_datum(datum).unwrap().derived(&quantities).unwrap();
+        let other = first.in_datum(datum, &Monitor::new()).unwrap().derived(&quantities).unwrap();
         for k in 0..quantities.len() {
             let value = reference.values[k];
             prop_assert!((other.values[k] - value).abs() < 1e-9 * value.abs().max(1.0));
@@ -314,7 +328,7 @@ fn derived_sigmas_are_the_errors_that_are_made() {
         problem.cameras[0].camera = truth.cameras[0].clone();
         let network = solved(&problem);
         let found = network.derived(&quantities).unwrap();
-        let sigma0 = network.adjustment().sigma0;
+        let sigma0 = network.adjustment(&Monitor::new()).unwrap().sigma0;
         let angle = |at: usize, from: usize, to: usize| {
             let [a, b] = [from, to].map(|p| truth.points[p] - truth.points[at]);
             a.cross(&b).norm().atan2(a.dot(&b))

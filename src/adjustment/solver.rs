@@ -13,6 +13,7 @@ use super::solved::SolvedNetwork;
 use super::statistics::median;
 use super::step::Step;
 use super::{Adjustment, AdjustmentError, BundleProblem, BundleSettings, RobustStart};
+use crate::monitor::Monitor;
 
 /// A rise of the cost by less than this part, or by less than the square of 1e-7 sigma an observation, is rounding.
 const ROUNDING_OF_COST: f64 = 1e-9;
@@ -154,9 +155,10 @@ impl BundleSolver {
     /// Makes one step that does not raise the cost (or finds that there is none).
     ///
     /// # Errors
+    /// [`AdjustmentError::Interrupted`] within the step, of which nothing stays;
     /// [`AdjustmentError::NotImaged`] when the start values put observed points behind their cameras,
     /// [`AdjustmentError::RankDefect`] when the observations leave unknowns undetermined.
-    pub fn iterate(&mut self) -> Result<Iteration, AdjustmentError> {
+    pub fn iterate(&mut self, monitor: &Monitor) -> Result<Iteration, AdjustmentError> {
         let equations = Equations::at(&self.problem, &self.layout, &self.state);
         self.check_imaged(&equations)?;
         let residuals: Vec<Option<Vector2<f64>>> = equations
@@ -168,7 +170,8 @@ impl BundleSolver {
         let cost = self.cost(&self.state, &residuals, loss);
         let phase = self.phase;
         self.number += 1;
-        let Some(accepted) = self.accepted_step(&equations, &residuals, loss, cost)? else {
+        let Some(accepted) = self.accepted_step(&equations, &residuals, loss, cost, monitor)?
+        else {
             let (number, termination) = (self.number, self.termination);
             return Ok(Iteration {
                 number,
@@ -203,27 +206,30 @@ impl BundleSolver {
     /// [`AdjustmentError::NotConverged`] or [`AdjustmentError::NotFinished`] when the iteration has not converged;
     /// [`AdjustmentError::RankDefect`]; [`AdjustmentError::FramePoint`] or [`AdjustmentError::FrameShape`] where the
     /// three points do not give a frame.
-    pub fn finish(self) -> Result<Adjustment, AdjustmentError> {
-        Ok(self.solved()?.adjustment())
+    pub fn finish(self, monitor: &Monitor) -> Result<Adjustment, AdjustmentError> {
+        Ok(self.solved(monitor)?.adjustment(monitor)?)
     }
 
     /// [`Self::finish`] at the present state, converged or not, and in the datum alone: good for finding gross errors,
     /// not for results.
-    pub(super) fn finish_as_it_is(mut self) -> Result<Adjustment, AdjustmentError> {
+    pub(super) fn finish_as_it_is(
+        mut self,
+        monitor: &Monitor,
+    ) -> Result<Adjustment, AdjustmentError> {
         self.problem.frame = None;
-        Ok(self.solved_as_it_is()?.adjustment())
+        Ok(self.solved_as_it_is(monitor)?.adjustment(monitor)?)
     }
 
     /// The solved equations in the chosen datum and frame, for what [`Self::finish`] does not deliver.
     ///
     /// # Errors
     /// As [`Self::finish`].
-    pub fn solved(self) -> Result<SolvedNetwork, AdjustmentError> {
+    pub fn solved(self, monitor: &Monitor) -> Result<SolvedNetwork, AdjustmentError> {
         self.converged()?;
-        self.solved_as_it_is()
+        self.solved_as_it_is(monitor)
     }
 
-    fn solved_as_it_is(mut self) -> Result<SolvedNetwork, AdjustmentError> {
+    fn solved_as_it_is(mut self, monitor: &Monitor) -> Result<SolvedNetwork, AdjustmentError> {
         let termination = self.termination.ok_or(AdjustmentError::NotFinished)?;
         let reference: Vec<Vector3<f64>> = self.problem.points.iter().map(|p| p.position).collect();
         move_onto_datum(&self.problem, &self.layout, &mut self.state, &reference)?;
@@ -233,6 +239,7 @@ impl BundleSolver {
             self.state,
             self.number,
             termination,
+            monitor,
         )
     }
 
@@ -276,6 +283,7 @@ impl BundleSolver {
         residuals: &[Option<Vector2<f64>>],
         loss: Loss,
         cost: f64,
+        monitor: &Monitor,
     ) -> Result<Option<Accepted>, AdjustmentError> {
         let weights = self.weights(residuals, loss);
         let free = FreeMotions::of(&self.problem, &self.layout, &self.state);
@@ -290,13 +298,15 @@ impl BundleSolver {
                 equations,
                 &weights,
                 self.damping,
+                monitor,
             )
             .and_then(|normals| {
-                let factor = Factor::new(&normals, &self.layout, &self.state, &free)?;
+                let factor = Factor::new(&normals, &self.layout, &self.state, &free, monitor)?;
                 let kept = factor.solve(&self.layout.structure, &normals.right_side);
                 Ok((kept, normals))
             });
             match solved {
+                Err(AdjustmentError::Interrupted(interrupted)) => return Err(interrupted.into()),
                 Err(defect) => {
                     if self.damping == 0.0 {
                         self.singular += 1;
@@ -322,7 +332,8 @@ impl BundleSolver {
                     let lower = if trial_cost <= allowed {
                         Some((straight, trial_cost))
                     } else {
-                        let bent = self.bent_step(&step, equations, residuals, &weights, &free);
+                        let bent =
+                            self.bent_step(&step, equations, residuals, &weights, &free, monitor);
                         bent.and_then(|bent| {
                             let mut states = BENT_PARTS.iter().map(|&part| {
                                 let step = step.bent_towards(&bent, part);
@@ -399,6 +410,7 @@ impl BundleSolver {
         residuals: &[Option<Vector2<f64>>],
         weights: &[f64],
         free: &FreeMotions,
+        monitor: &Monitor,
     ) -> Option<Step> {
         /// Part of the step over which the differences are taken.
         const PART: f64 = 0.1;
@@ -415,9 +427,17 @@ impl BundleSolver {
             }
         }
         let (problem, layout) = (&self.problem, &self.layout);
-        let normals =
-            Normals::build(problem, layout, &self.state, &bent, weights, self.damping).ok()?;
-        let factor = Factor::new(&normals, layout, &self.state, free).ok()?;
+        let normals = Normals::build(
+            problem,
+            layout,
+            &self.state,
+            &bent,
+            weights,
+            self.damping,
+            monitor,
+        )
+        .ok()?;
+        let factor = Factor::new(&normals, layout, &self.state, free, monitor).ok()?;
         let kept = factor.solve(&layout.structure, &normals.right_side);
         Some(Step::of(kept, &normals, layout))
     }

@@ -19,6 +19,7 @@ use super::{
     AdjustedCamera, AdjustedPoint, AdjustedStation, Adjustment, BundleProblem, DistanceStatistics,
     ImageStatistics, ObservationStatus, ParameterState,
 };
+use crate::monitor::{Interrupted, Monitor};
 
 /// Below this redundancy number an observation is not controlled: its normalised residual would be rounding.
 pub(super) const UNCONTROLLED: f64 = 1e-9;
@@ -46,7 +47,13 @@ struct PointStatistics {
 }
 
 /// All statistics of a solved network, in its datum.
-pub(super) fn adjustment(network: &SolvedNetwork) -> Adjustment {
+///
+/// # Errors
+/// [`Interrupted`] when the work was asked to stop.
+pub(super) fn adjustment(
+    network: &SolvedNetwork,
+    monitor: &Monitor,
+) -> Result<Adjustment, Interrupted> {
     let SolvedNetwork {
         problem,
         layout,
@@ -60,9 +67,9 @@ pub(super) fn adjustment(network: &SolvedNetwork) -> Adjustment {
     let stations_of_rays: Vec<StationCofactors> = stations_of_rays
         .map(|station| StationCofactors::of(network, station))
         .collect();
-    let points = by_point(network, &stations_of_rays);
+    let points = by_point(network, &stations_of_rays, monitor)?;
     let sigma0 = variance.sqrt();
-    Adjustment {
+    Ok(Adjustment {
         cameras: cameras(problem, layout, state, &network.inverse, *variance),
         stations: stations(network),
         observations: image_statistics(problem, layout, equations, &points),
@@ -78,15 +85,20 @@ pub(super) fn adjustment(network: &SolvedNetwork) -> Adjustment {
         motion: None,
         iterations: network.iterations,
         termination: network.termination,
-    }
+    })
 }
 
 /// The statistics of all points, by frame.
-fn by_point(network: &SolvedNetwork, stations: &[StationCofactors]) -> Vec<PointStatistics> {
+fn by_point(
+    network: &SolvedNetwork,
+    stations: &[StationCofactors],
+    monitor: &Monitor,
+) -> Result<Vec<PointStatistics>, Interrupted> {
     let frames = &network.layout.frames;
     let places = frames.iter().map(|frame| network.state.points[frame.point]);
     let groups = neighbourhoods(&places.collect::<Vec<_>>(), POINTS_AT_ONCE);
     let found = groups.par_iter().with_max_len(1).map(|group| {
+        monitor.check()?;
         let cofactors = cofactors_of(network, group).into_iter();
         let statistics = group.iter().zip(cofactors).map(|(&at, cofactors)| {
             let frame = &frames[at];
@@ -95,16 +107,15 @@ fn by_point(network: &SolvedNetwork, stations: &[StationCofactors]) -> Vec<Point
                 point_statistics(network, stations, frame, at, &cofactors),
             )
         });
-        statistics.collect()
+        Ok(statistics.collect())
     });
-    let mut found = found
-        .collect::<Vec<Vec<(usize, PointStatistics)>>>()
-        .concat();
+    let found: Vec<Vec<(usize, PointStatistics)>> = found.collect::<Result<_, Interrupted>>()?;
+    let mut found = found.concat();
     found.sort_by_key(|(at, _)| *at);
-    found
+    Ok(found
         .into_iter()
         .map(|(_, statistics)| statistics)
-        .collect()
+        .collect())
 }
 
 /// The variance of unit weight, a-posteriori.

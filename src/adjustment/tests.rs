@@ -62,9 +62,18 @@ fn the_datum_points_keep_centre_attitude_and_scale_of_their_start_values() {
 fn switching_the_datum_needs_no_new_iteration() {
     let mut problem = box_network(&scene(6)).problem;
     let mut solver = BundleSolver::new(problem.clone(), BundleSettings::default()).unwrap();
-    while solver.iterate().unwrap().termination.is_none() {}
-    let solved = solver.solved().unwrap();
-    let switched = solved.in_datum(vec![1, 5, 9, 14]).unwrap().adjustment();
+    while solver
+        .iterate(&Monitor::new())
+        .unwrap()
+        .termination
+        .is_none()
+    {}
+    let solved = solver.solved(&Monitor::new()).unwrap();
+    let switched = solved
+        .in_datum(vec![1, 5, 9, 14], &Monitor::new())
+        .unwrap()
+        .adjustment(&Monitor::new())
+        .unwrap();
     problem.datum = Datum::InnerConstraints {
         points: vec![1, 5, 9, 14],
     };
@@ -289,7 +298,7 @@ fn the_cost_never_rises_and_bad_starts_are_damped() {
     let mut solver = BundleSolver::new(problem, BundleSettings::default()).unwrap();
     let mut last = f64::INFINITY;
     let end = loop {
-        let iteration = solver.iterate().unwrap();
+        let iteration = solver.iterate(&Monitor::new()).unwrap();
         assert!(iteration.cost <= last * (1.0 + 1e-8));
         last = iteration.cost;
         if let Some(end) = iteration.termination {
@@ -298,7 +307,7 @@ fn the_cost_never_rises_and_bad_starts_are_damped() {
     };
     assert_eq!(end.kind, TerminationKind::Converged);
     assert!(end.value < end.threshold);
-    assert!((solver.finish().unwrap().sigma0 - 1.0).abs() < 0.15);
+    assert!((solver.finish(&Monitor::new()).unwrap().sigma0 - 1.0).abs() < 0.15);
 }
 
 #[test]

@@ -9,6 +9,7 @@ use super::factor::Factor;
 use super::frame::STransformation;
 use super::layout::{Layout, PointFrame};
 use super::normals::{Normals, PointNormal};
+use crate::monitor::{Interrupted, Monitor};
 
 /// What is needed to bring cofactors from the regularised system into the datum: `Q = S Q' S^T`.
 pub(super) struct Transformation {
@@ -30,7 +31,8 @@ impl Transformation {
         state: &State,
         normals: &Normals,
         factor: &Factor,
-    ) -> Self {
+        monitor: &Monitor,
+    ) -> Result<Self, Interrupted> {
         let STransformation { motions, h } = onto_datum;
         let d = motions.defect();
         let mut h_of_points: Vec<Option<&DMatrix<f64>>> = vec![None; state.points.len()];
@@ -39,12 +41,14 @@ impl Transformation {
         }
         let mut right_side = DMatrix::zeros(layout.kept, d);
         for (frame, normal) in layout.frames.iter().zip(&normals.points) {
+            monitor.check()?;
             let Some(h) = h_of_points[frame.point] else {
                 continue;
             };
             add_to_right_side(&mut right_side, layout, frame, normal.as_ref(), h);
         }
         let kept = solved(layout, factor, &right_side);
+        monitor.check()?;
         let frames = layout.frames.par_iter().zip(&normals.points);
         let points = frames.with_min_len(64).map(|(frame, normal)| {
             let h = h_of_points[frame.point];
@@ -57,12 +61,12 @@ impl Transformation {
                 inner += h * c;
             }
         }
-        Self {
+        Ok(Self {
             motions,
             kept,
             points,
             inner,
-        }
+        })
     }
 
     /// `Q_ii = Q'_ii - G_i C_i^T - C_i G_i^T + G_i (H C) G_i^T` for the unknowns with rows `g`, `c` (n x d).

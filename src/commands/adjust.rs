@@ -76,7 +76,7 @@ pub fn adjust(request: &AdjustRequest, form: Form, monitor: &Monitor) -> Result<
     let mut report = PlainReport::new(&network, &adjusted);
     if asks(&network, &questions) || request.covariance.is_some() {
         let solved = adjusted
-            .solved()
+            .solved(monitor)
             .map_err(|error| CommandError::work(format!("{name}: {error}")))?;
         report.answers = PlainAnswers::new(&network, &adjusted, &solved, &questions)
             .map_err(|error| CommandError::input(error.to_string()))?;

@@ -146,8 +146,8 @@ impl PlainAdjustment {
     ///
     /// # Errors
     /// As the adjustment.
-    pub fn solved(&self) -> Result<SolvedNetwork, AdjustmentError> {
-        SolvedNetwork::of(self.problem.clone(), &self.adjustment)
+    pub fn solved(&self, monitor: &Monitor) -> Result<SolvedNetwork, AdjustmentError> {
+        SolvedNetwork::of(self.problem.clone(), &self.adjustment, monitor)
     }
 
     /// What was adjusted, with the rejected observations and the standard deviations that were used.
