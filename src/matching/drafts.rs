@@ -68,10 +68,11 @@ pub(super) struct Draw {
 }
 
 /// A dot near a draft's predicted place.
-struct Candidate {
-    draft: usize,
-    dot: usize,
-    misfit: f64,
+pub(super) struct Candidate {
+    pub(super) draft: usize,
+    pub(super) dot: usize,
+    /// Squared standardised misfit of its place (chi-square, 2 degrees of freedom).
+    pub(super) misfit: f64,
 }
 
 /// Free dots that belong to one of the drafts of `range`, and to nothing else, by prediction.
@@ -104,7 +105,12 @@ pub(super) fn draw_claims(
 }
 
 /// All pairs of draft and free dot in a view that prediction, side and shape allow, rivals beyond the gate included.
-fn candidates(bench: &Bench, drafts: &[Draft], view: usize, free: &[Vec<bool>]) -> Vec<Candidate> {
+pub(super) fn candidates(
+    bench: &Bench,
+    drafts: &[Draft],
+    view: usize,
+    free: &[Vec<bool>],
+) -> Vec<Candidate> {
     let (sights, settings) = (bench.sights, bench.settings);
     let sight = &sights[view];
     let critical = settings.critical_ray + settings.critical_margin;

@@ -332,17 +332,21 @@ impl Bench<'_> {
 
     /// How many dots of the target's shape the searches must be expected to find by chance.
     fn accidental_hits(&self, searches: &[Search], disc: Option<&Disc>) -> f64 {
-        let hits = searches.iter().map(|search| {
-            let image = disc.map(|disc| disc.image(&search.seen.by_point));
-            let density = self.sights[search.view].density(&search.seen.place, |dot| {
-                let (Some(image), Some(axes)) = (&image, &dot.axes) else {
-                    return true;
-                };
-                self.noise.misfit(axes, image) <= self.settings.critical_shape
-            });
-            search.area * density
-        });
+        let hits = searches
+            .iter()
+            .map(|search| search.area * self.density_alike(search.view, &search.seen, disc));
         hits.sum()
+    }
+
+    /// Free dots per square pixel round a target's place that have its shape.
+    pub(super) fn density_alike(&self, view: usize, seen: &Sighting, disc: Option<&Disc>) -> f64 {
+        let image = disc.map(|disc| disc.image(&seen.by_point));
+        self.sights[view].density(&seen.place, |dot| {
+            let (Some(image), Some(axes)) = (&image, &dot.axes) else {
+                return true;
+            };
+            self.noise.misfit(axes, image) <= self.settings.critical_shape
+        })
     }
 
     /// The free dot nearest (by its standardised distance) to where the point is predicted.

@@ -23,6 +23,7 @@
 //! 6. **Prediction.** Accepted targets and known points are looked for in all other views; a dot goes to a target only
 //!    if both are each other's clear choice.
 //! 7. **Pairs that are left** on the surface of the targets are told: a third image may show them to who looks for them.
+//! 8. **Readings that exclude each other** are told with their likelihoods: somebody who sees the pictures may decide.
 //!
 //! What neither dots nor precision explain of the residuals is measured from strong intersections; for views whose precision nobody
 //! told, sigma_S bounds it. How exact ellipses are is told by the targets that have names ([`EllipsePrecision`]), or else by strong
@@ -42,6 +43,7 @@ mod outcome;
 mod paper_rule;
 mod predictor;
 mod problem;
+mod readings;
 mod shape;
 mod sight;
 mod sizes;
@@ -58,6 +60,7 @@ pub use problem::{
     Leftover, LeftoverReason, Member, ObjectSpace, OrientationPrecision, Pair, Track, View,
     ViewDot,
 };
+pub use readings::{Agreement, Group, ReadAs, Reading};
 
 #[cfg(test)]
 mod paper_trials;

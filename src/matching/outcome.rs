@@ -15,7 +15,7 @@ use super::sizes::Sizes;
 use crate::monitor::Interrupted;
 
 impl Pass<'_> {
-    pub(super) fn finish(self) -> Result<Identification, Interrupted> {
+    pub(super) fn finish(mut self) -> Result<Identification, Interrupted> {
         let mut result = Identification {
             unexplained_px: self.sights.iter().map(|s| s.extra_px2.sqrt()).collect(),
             ..Identification::default()
@@ -36,7 +36,8 @@ impl Pass<'_> {
             .collect::<Result<_, Interrupted>>()?;
         result.leftover = leftover.into_iter().flatten().collect();
         result.pairs = self.pairs_left()?;
-        for draft in &self.drafts {
+        let mut tracks: Vec<(usize, Track)> = Vec::new();
+        for (index, draft) in self.drafts.iter().enumerate() {
             if let Some(known) = draft.known {
                 result
                     .claims
@@ -46,11 +47,16 @@ impl Pass<'_> {
                         distance_px: self.distance_px(draft, member),
                     }));
             } else {
-                result.tracks.push(self.track(draft));
+                tracks.push((index, self.track(draft)));
             }
         }
         result.claims.sort_by_key(|c| (c.member, c.known));
-        result.tracks.sort_by(|a, b| a.members.cmp(&b.members));
+        tracks.sort_by(|a, b| a.1.members.cmp(&b.1.members));
+        let track_of_draft = (0..)
+            .zip(&tracks)
+            .map(|(place, (draft, _))| (*draft, place));
+        result.groups = self.groups(&track_of_draft.collect())?;
+        result.tracks = tracks.into_iter().map(|(_, track)| track).collect();
         Ok(result)
     }
 

@@ -58,6 +58,7 @@ pub fn identify_by_threshold(
     tracks.sort_by(|a, b| a.members.cmp(&b.members));
     Ok(Identification {
         pairs: Vec::new(),
+        groups: Vec::new(),
         leftover: leftover(&readings, &drawn, &tracks, min_rays),
         claims: drawn.into_iter().flat_map(|drawn| drawn.claims).collect(),
         unexplained_px: vec![0.0; input.views.len()],

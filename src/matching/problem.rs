@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::ellipses::EllipsePrecision;
+use super::readings::Group;
 use crate::camera::Camera;
 use crate::geometry::Pose;
 
@@ -320,6 +321,8 @@ pub struct Identification {
     pub leftover: Vec<Leftover>,
     /// Pairs of these dots that may be targets, each once.
     pub pairs: Vec<Pair>,
+    /// Those of these dots whose readings exclude each other, the question first that settles most dots.
+    pub groups: Vec<Group>,
     /// Standard error of a ray's coordinate in each view, px, that neither its dot nor the precision of the orientation explains: from
     /// the residuals.
     pub unexplained_px: Vec<f64>,

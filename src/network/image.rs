@@ -42,6 +42,9 @@ pub enum ImageUse {
 /// Reason of an operator's rejection, as shown and exported.
 pub const REJECTED_BY_OPERATOR: &str = "rejected by the operator";
 
+/// Reason of a dot of which the operator says that no reading is right, as shown and exported.
+pub const NO_READING_BY_OPERATOR: &str = "the operator says that none of its readings is right";
+
 /// Reason of a reading that the operator set aside, as shown and exported.
 pub const SET_ASIDE_BY_OPERATOR: &str = "set aside by the operator";
 

@@ -8,6 +8,7 @@
 //!
 //! Deliberately absent: files, threads, algorithms.
 
+mod ambiguity;
 mod camera;
 mod connectivity;
 mod expansion;
@@ -27,13 +28,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::Similarity;
 
+pub use ambiguity::{Agreement, AmbiguousGroup, ReadTarget, Reading};
 pub use camera::{CameraEntry, CameraId, InteriorSource, LensParameter};
 pub use connectivity::{CODES_TO_CONNECT, Code, Connectivity, ImageConnectivity};
 pub use expansion::{Expansion, REFERENCE_CELSIUS, length_at_reference, reason_of_length};
 pub use frame::{Frame, FrameProblem, FrameResult};
 pub use image::{
-    Attempt, ImageEntry, ImageFile, ImageId, ImageUse, Label, REJECTED_BY_OPERATOR,
-    SET_ASIDE_BY_OPERATOR, Source, Station,
+    Attempt, ImageEntry, ImageFile, ImageId, ImageUse, Label, NO_READING_BY_OPERATOR,
+    REJECTED_BY_OPERATOR, SET_ASIDE_BY_OPERATOR, Source, Station,
 };
 pub use label::{CodeDot, PointId, PointKind, UnknownLabel};
 pub use look::{Absence, AbsenceKind, Look, Sought};
@@ -147,6 +149,9 @@ pub struct Network {
     /// What the last pass left as perhaps a target.
     #[serde(default)]
     pub tentative: Arc<Vec<Tentative>>,
+    /// Dots whose readings exclude each other as the last pass left them; [`Network::open_groups`] says which still wait.
+    #[serde(default)]
+    pub ambiguous: Arc<Vec<AmbiguousGroup>>,
     /// Which stages are done, and on what basis.
     pub conclusions: BTreeMap<Stage, Conclusion>,
     /// What the stages noticed.

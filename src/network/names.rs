@@ -69,6 +69,13 @@ impl Network {
             .collect()
     }
 
+    /// A plain target of a number that none ever had: numbers are given once.
+    #[must_use]
+    pub fn new_target(&self) -> PointId {
+        let highest = self.targets().last().copied().unwrap_or_default();
+        PointId::Target(self.next_target.max(highest) + 1)
+    }
+
     /// Gives the plain targets of these numbers names, and takes away those that they had. A number stays with its name
     /// where nothing shows the target any more: numbers are given once, so that no other target can inherit it.
     ///

@@ -4,6 +4,7 @@
 
 mod known;
 mod names;
+mod readings;
 mod settings;
 #[cfg(test)]
 mod tests;
@@ -15,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::network::{
     BarRole, CodeDot, ControlRole, Frame, ImageId, ImageUse, Label, MeasurementSettings,
-    NameProblem, Network, PointId, ScaleBar, Source, Stage,
+    NameProblem, Network, PointId, Reading, ScaleBar, Source, Stage,
 };
 use crate::targets::{CodeReading, Dot, DotIndex};
 
@@ -93,6 +94,13 @@ pub enum Edit {
         /// Its point.
         point: Option<PointId>,
     },
+    /// Of several readings of some dots this one is right: they are named so.
+    TakeReading(Box<Reading>),
+    /// None of the readings of these dots is right: no stage names them.
+    DismissReadings {
+        /// The dots.
+        dots: Vec<(ImageId, DotIndex)>,
+    },
     /// A known distance between two points.
     AddBar {
         /// Its name; no other bar has it.
@@ -169,6 +177,14 @@ pub enum EditError {
     /// The dot has no name.
     #[error("{image}: the dot has no label, expected a labelled one")]
     NoLabel {
+        /// Path of the image.
+        image: String,
+    },
+    /// The dot has a name, or was rejected.
+    #[error(
+        "{image}: found a dot that was named or rejected meanwhile, expected one without a label"
+    )]
+    HasLabel {
         /// Path of the image.
         image: String,
     },
@@ -279,6 +295,8 @@ impl Edit {
                 )
             }
             Edit::AddDot { image, .. } => format!("measure a dot by hand in {}", path(image)),
+            Edit::TakeReading(reading) => readings::title(network, reading),
+            Edit::DismissReadings { dots } => format!("no reading of {} dots is right", dots.len()),
             Edit::AddBar { name, from, to, .. } => {
                 format!("add scale bar '{name}' from {from} to {to}")
             }
@@ -331,6 +349,8 @@ impl Edit {
                     name(network, *image, index, *point);
                 }
             }
+            Edit::TakeReading(reading) => readings::take(network, reading)?,
+            Edit::DismissReadings { dots } => readings::dismiss(network, dots)?,
             Edit::AddBar {
                 name,
                 from,

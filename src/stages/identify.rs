@@ -18,8 +18,7 @@ use crate::matching::{
 use crate::monitor::{Interrupted, Monitor};
 use crate::network::{
     AdjustmentResult, CameraId, Connectivity, Finding, IdentificationPass, IdentificationRule,
-    ImageEntry, ImageId, Label, Network, Point, PointId, ScaleSource, Source, Stage, Station,
-    Tentative,
+    ImageId, Label, Network, Point, PointId, ScaleSource, Source, Stage, Station, Tentative,
 };
 use crate::targets::{DotIndex, Family};
 
@@ -142,9 +141,9 @@ fn tolerance_px(network: &Network) -> f64 {
 }
 
 /// An image's view for identification with the places of its dots in the image's detections.
-struct ImageView {
+pub(super) struct ImageView {
     view: View,
-    dots: Vec<DotIndex>,
+    pub(super) dots: Vec<DotIndex>,
 }
 
 /// The network in the numbers of identification.
@@ -167,7 +166,7 @@ impl Scene {
             };
             let dots: Vec<DotIndex> = (0..detections.dots.len() as u32)
                 .map(DotIndex)
-                .filter(|dot| is_free(network, image, *dot))
+                .filter(|dot| network.awaits_name(image, *dot))
                 .collect();
             let view_dots = dots
                 .iter()
@@ -295,16 +294,6 @@ fn neighbours(
     Ok((0..views.len()).into_par_iter().map(of_view).collect())
 }
 
-/// Whether a dot has no name that holds: none, or that of a code which only this image shows.
-fn is_free(network: &Network, image: &ImageEntry, dot: DotIndex) -> bool {
-    match image.labels.get(&dot) {
-        None => !image.rejected_dots.contains_key(&dot),
-        Some(label) => {
-            label.source == Source::Automatic && !network.points.contains_key(&label.point)
-        }
-    }
-}
-
 /// All points with coordinates; a code's dots face the way its axes say.
 fn known_points(network: &Network, images: &[ImageId]) -> Vec<(PointId, KnownPoint)> {
     let mut seen_in: BTreeMap<PointId, Vec<usize>> = BTreeMap::new();
@@ -369,10 +358,10 @@ fn side(
 }
 
 /// Puts the result of a pass into the network.
-struct Names<'a> {
-    images: &'a [ImageId],
-    views: &'a [ImageView],
-    known_ids: &'a [PointId],
+pub(super) struct Names<'a> {
+    pub(super) images: &'a [ImageId],
+    pub(super) views: &'a [ImageView],
+    pub(super) known_ids: &'a [PointId],
 }
 
 impl Names<'_> {
@@ -384,11 +373,13 @@ impl Names<'_> {
             labelled += 1;
         }
         let code_names = self.names_of_single_codes(network, &found.tracks);
+        let mut names_of_tracks = Vec::with_capacity(found.tracks.len());
         for (index, track) in found.tracks.iter().enumerate() {
             let point = code_names.get(&index).copied().unwrap_or_else(|| {
                 network.next_target += 1;
                 PointId::Target(network.next_target)
             });
+            names_of_tracks.push(point);
             let coordinates = Point {
                 position: track.position,
                 covariance: Some(track.covariance),
@@ -410,6 +401,7 @@ impl Names<'_> {
                 .map(|m| (self.images[m.view], self.views[m.view].dots[m.dot])),
         });
         network.tentative = Arc::new(tentative.collect());
+        network.ambiguous = Arc::new(self.ambiguous(&found.groups, &names_of_tracks));
         labelled
     }
 

@@ -7,6 +7,9 @@
 //! Deliberately absent: files (a step asks [`Pictures`]), clocks, and randomness without a seed from the settings.
 
 mod adjust;
+mod ambiguous;
+#[cfg(test)]
+mod ambiguous_tests;
 #[cfg(test)]
 mod block_tests;
 mod blocks;

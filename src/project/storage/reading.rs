@@ -264,6 +264,7 @@ impl Reader<'_> {
             connection_order: self.part(rows, "connection_order"),
             passes: self.part(rows, "passes"),
             tentative: self.newer_part(rows, "tentative"),
+            ambiguous: self.newer_part(rows, "ambiguous"),
             conclusions: self.part(rows, "conclusions"),
             findings: self.part(rows, "findings"),
             adjustment: rows

@@ -228,6 +228,7 @@ impl Changes {
             connection_order,
             passes,
             tentative,
+            ambiguous,
             conclusions,
             findings,
             adjustment,
@@ -245,6 +246,7 @@ impl Changes {
         self.shared("connection_order", order, connection_order)?;
         self.shared("passes", saved.map(|n| &n.passes), passes)?;
         self.shared("tentative", saved.map(|n| &n.tentative), tentative)?;
+        self.shared("ambiguous", saved.map(|n| &n.ambiguous), ambiguous)?;
         self.shared("findings", saved.map(|n| &n.findings), findings)?;
         self.plain("conclusions", saved.map(|n| &n.conclusions), conclusions)?;
         self.plain("inputs", saved.map(|n| &n.inputs), inputs)?;

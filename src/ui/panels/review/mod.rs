@@ -390,6 +390,8 @@ fn effect(edit: Option<&Edit>, without: &'static str) -> &'static str {
         Some(Edit::Renumber { .. }) => "give the code a number",
         Some(Edit::SetAside { .. }) => "set the code aside",
         Some(Edit::AddDot { .. }) => "measure a dot",
+        Some(Edit::TakeReading(_)) => "name its dots",
+        Some(Edit::DismissReadings { .. }) => "never use its dots",
         Some(Edit::AddBar { .. } | Edit::RemoveBar { .. }) => "change scale bars",
         Some(Edit::SetControl { .. } | Edit::RemoveControl { .. }) => "change control points",
         Some(Edit::UseImage { .. }) => "use the image or not",
