@@ -52,6 +52,8 @@ pub enum Action {
     Chosen(PathBuf),
     /// Save a copy of the project.
     SaveCopy(PathBuf),
+    /// Name the targets by this list of approximate coordinates.
+    NameByList(PathBuf),
     /// Look for missing pictures in this folder.
     FindPictures(PathBuf),
     /// Run stages.

@@ -218,3 +218,37 @@ fn an_image_is_excluded_and_settings_are_changed() {
     assert_eq!(rays(&bench.network()), rays(&before) + 1);
     bench.undo_and_redo(&before);
 }
+
+#[test]
+fn a_list_names_the_targets_and_tells_what_is_left() {
+    let folder = folder("list", Begun::Measured);
+    let mut bench = Bench::open(&folder.at("p.tiepoint"));
+    let network = bench.network();
+    let mut list = "label,x_mm,y_mm,z_mm\n".to_owned();
+    for (id, point) in network.points.iter() {
+        let label = match id {
+            PointId::Target(number) => format!("T-{number}"),
+            PointId::Code { .. } | PointId::Device(_) => network.label(*id),
+        };
+        let [x, y, z] = point.position.into();
+        list += &format!("{label},{x:.1},{y:.1},{z:.1}\n");
+    }
+    folder.write("list.csv", list.as_bytes());
+    bench.keys(Modifiers::COMMAND, Key::K);
+    bench.write("name targets by a list");
+    bench.key(Key::Enter);
+    bench.write(&folder.at("list.csv").display().to_string());
+    bench.key(Key::Enter);
+    bench.rest();
+    let targets = network.targets().len();
+    let named = bench.network();
+    assert_eq!(named.names.len(), targets, "{}", bench.app().message());
+    for (number, name) in named.names.iter() {
+        assert_eq!(*name, format!("T-{number}"));
+    }
+    assert!(bench.says("transformation onto the reference"));
+    bench.click("Close");
+    bench.rest();
+    assert!(bench.says(&format!("{targets} targets named by")));
+    bench.undo_and_redo(&network);
+}

@@ -10,6 +10,7 @@ use super::loader::{Loaded, Then};
 use super::{App, Command, Document};
 use crate::commands::DemoRequest;
 use crate::network::Stage;
+use crate::project::edit::Edit;
 use crate::project::session::{Session, folder_of};
 use crate::project::storage::StorageError;
 use crate::ui::action::{Action, RunRequest, Selection};
@@ -34,6 +35,12 @@ impl App {
             Action::Say(line) => self.say(line),
             Action::Refuse(line) => self.refuse(line),
             Action::FindPictures(folder) => self.find_pictures(folder),
+            Action::NameByList(list) => {
+                if let Some(document) = &self.document {
+                    let network = Arc::clone(document.session.network());
+                    self.loader.name_by_list(network, list);
+                }
+            }
             Action::Run(request) => self.run(request),
             Action::Interrupt => self.interrupt(),
             Action::Edit(edit) => {
@@ -89,6 +96,7 @@ impl App {
                 }
             }
             Command::FindPictures => self.forms.ask_pictures(),
+            Command::NameByList => self.forms.ask_list(),
             Command::Close => self.close(),
             Command::Quit => context.send_viewport_cmd(egui::ViewportCommand::Close),
             Command::NextImage => self.turn_page(true),
@@ -124,6 +132,7 @@ impl App {
             Command::Redo => history.is_some_and(|history| history.redo_title().is_some()),
             Command::SaveCopy
             | Command::FindPictures
+            | Command::NameByList
             | Command::Close
             | Command::NextImage
             | Command::PreviousImage
@@ -267,6 +276,13 @@ impl App {
                 Ok(Loaded::Line(line)) => self.say(line),
                 Ok(Loaded::Recent(projects)) => self.start.recent = projects,
                 Ok(Loaded::Moves(moves)) => self.moves = Some(moves),
+                Ok(Loaded::Names { names, line, text }) => {
+                    if !names.is_empty() {
+                        self.apply(Action::Edit(Edit::NameTargets { names }), context);
+                    }
+                    self.say(line);
+                    self.forms.tell("Names by a list", text);
+                }
                 Ok(Loaded::Proposal(proposal)) => {
                     if let Some(action) = self.forms.take(proposal) {
                         self.apply(action, context);

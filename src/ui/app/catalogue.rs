@@ -29,6 +29,8 @@ pub enum Command {
     SaveCopy,
     /// Look for missing pictures in a folder.
     FindPictures,
+    /// Name the plain targets by a list of approximate coordinates.
+    NameByList,
     /// Close the project.
     Close,
     /// Leave.
@@ -79,7 +81,7 @@ pub(super) enum Menu {
 
 impl Command {
     /// All commands, in the order of the menus.
-    pub const ALL: [Command; 38] = [
+    pub const ALL: [Command; 39] = [
         Command::New,
         Command::Open,
         Command::Demo,
@@ -89,6 +91,7 @@ impl Command {
         Command::Quit,
         Command::Undo,
         Command::Redo,
+        Command::NameByList,
         Command::Step,
         Command::RunStage,
         Command::RunAll,
@@ -135,7 +138,7 @@ impl Command {
             | Command::FindPictures
             | Command::Close
             | Command::Quit => Menu::File,
-            Command::Undo | Command::Redo => Menu::Edit,
+            Command::Undo | Command::Redo | Command::NameByList => Menu::Edit,
             Command::Step | Command::RunStage | Command::RunAll | Command::Interrupt => Menu::Bar,
             Command::Show(_) => Menu::Panels,
             Command::Palette | Command::Keys => Menu::Help,
@@ -161,6 +164,7 @@ impl Command {
                 | Command::Open
                 | Command::SaveCopy
                 | Command::FindPictures
+                | Command::NameByList
                 | Command::Palette
         )
     }
@@ -180,6 +184,7 @@ impl Command {
             Command::Demo => "Demo",
             Command::SaveCopy => "Save a copy ...",
             Command::FindPictures => "Find pictures ...",
+            Command::NameByList => "Name targets by a list ...",
             Command::Close => "Close project",
             Command::Quit => "Quit",
             Command::NextImage => "Next image",

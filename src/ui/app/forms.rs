@@ -28,6 +28,8 @@ enum Ask {
     Copy,
     /// Where missing pictures may be.
     Pictures,
+    /// Which list names the targets.
+    List,
 }
 
 impl Ask {
@@ -37,6 +39,7 @@ impl Ask {
             Ask::Images => "New project: folder of images",
             Ask::Copy => "Save a copy",
             Ask::Pictures => "Find pictures",
+            Ask::List => "Name targets by a list: label,x_mm,y_mm,z_mm",
         }
     }
 
@@ -46,6 +49,7 @@ impl Ask {
             Ask::Images => "Next",
             Ask::Copy => "Save",
             Ask::Pictures => "Look there",
+            Ask::List => "Name",
         }
     }
 
@@ -55,6 +59,7 @@ impl Ask {
             Ask::Images => Action::Dropped(vec![path]),
             Ask::Copy => Action::SaveCopy(path),
             Ask::Pictures => Action::FindPictures(path),
+            Ask::List => Action::NameByList(path),
         }
     }
 }
@@ -69,6 +74,11 @@ enum Form {
         path: String,
     },
     New(Box<NewForm>),
+    /// Something to read.
+    Told {
+        title: &'static str,
+        text: String,
+    },
 }
 
 /// What a new project is made of, as typed.
@@ -251,6 +261,15 @@ impl Forms {
         self.ask(Ask::Pictures, String::new());
     }
 
+    pub(super) fn ask_list(&mut self) {
+        self.ask(Ask::List, String::new());
+    }
+
+    /// Shows a text until the operator has read it.
+    pub(super) fn tell(&mut self, title: &'static str, text: String) {
+        self.form = Form::Told { title, text };
+    }
+
     fn ask(&mut self, ask: Ask, path: String) {
         *self = Self {
             form: Form::Path { ask, path },
@@ -296,6 +315,13 @@ impl App {
                     }
                 });
             }
+            Form::Told { title, text } => {
+                window(title).show(context, |ui| {
+                    if read(ui, text) {
+                        done = Done::Without;
+                    }
+                });
+            }
             Form::Path { ask, path } => {
                 let (ask, fresh) = (*ask, std::mem::take(&mut self.forms.fresh));
                 let mut browse = false;
@@ -330,6 +356,7 @@ impl App {
                 Ask::Project => dialog
                     .add_filter("Tiepoint project", &["tiepoint"])
                     .pick_file(),
+                Ask::List => dialog.add_filter("List of points", &["csv"]).pick_file(),
                 Ask::Copy => dialog.set_file_name("copy.tiepoint").save_file(),
                 Ask::Images | Ask::Pictures => dialog.pick_folder(),
             };
@@ -352,6 +379,16 @@ enum Done {
     No,
     Without,
     With(Action),
+}
+
+/// A text to scroll through; whether it was read.
+fn read(ui: &mut Ui, text: &str) -> bool {
+    const SIZE: [f32; 2] = [760.0, 400.0];
+    ui.set_min_width(SIZE[0]);
+    egui::ScrollArea::both().max_height(SIZE[1]).show(ui, |ui| {
+        ui.add(egui::Label::new(egui::RichText::new(text).monospace()).extend());
+    });
+    ui.button("Close").clicked()
 }
 
 fn path_field(ui: &mut Ui, ask: Ask, path: &mut String, fresh: bool, browse: &mut bool) -> Done {

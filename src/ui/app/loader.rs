@@ -1,17 +1,20 @@
 //! Slow work on documents, on a thread of its own: projects are opened and made, the demo is rendered, pictures are
 //! looked for. One after the other, each with a monitor that shows progress and stops it.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::commands::{DemoRequest, prepare_demo};
 use crate::monitor::{Monitor, Progress};
 use crate::network::{ImageId, Network};
+use crate::project::files::read_reference;
 use crate::project::making::{ProjectPlan, make};
 use crate::project::proposal::{Proposal, propose};
 use crate::project::recent::{recent_projects, remember_project};
 use crate::project::session::{Session, folder_of};
 use crate::project::whereabouts::{PictureMoves, pictures_missing, search_folder};
+use crate::report::{NamingSettings, name_by_reference};
 use crate::worker::{Panicked, Worker};
 
 /// What is done with a project as soon as it is open.
@@ -40,6 +43,15 @@ pub(super) enum Loaded {
     Proposal(Proposal),
     /// Where missing pictures are now.
     Moves(PictureMoves),
+    /// Names for targets by a list.
+    Names {
+        /// The names, by the numbers of the targets.
+        names: BTreeMap<u32, String>,
+        /// How many there are.
+        line: String,
+        /// What was named, what is ambiguous, what is left.
+        text: String,
+    },
     /// Projects that were open before, newest first.
     Recent(Vec<PathBuf>),
     /// Something was done that changes nothing in the window but this line.
@@ -157,6 +169,27 @@ impl Loader {
                 moves.map(Loaded::Moves).map_err(|error| error.to_string())
             },
         );
+    }
+
+    /// Names for the targets by a list of approximate coordinates.
+    pub(super) fn name_by_list(&mut self, network: Arc<Network>, list: PathBuf) {
+        self.start(format!("naming by {}", list.display()), move |_| {
+            let reference = read_reference(&list).map_err(|error| error.to_string())?;
+            let naming = name_by_reference(&network, &reference, &NamingSettings::default())
+                .map_err(|error| error.to_string())?;
+            let line = format!(
+                "{} targets named by {}; {} places ambiguous, {} others gave no name.",
+                naming.names.len(),
+                list.display(),
+                naming.ambiguous.len(),
+                naming.reference_left.len()
+            );
+            Ok(Loaded::Names {
+                text: naming.text(),
+                line,
+                names: naming.names,
+            })
+        });
     }
 
     /// Reads which projects were open before.

@@ -28,6 +28,8 @@ impl App {
                 };
                 self.item_named(ui, Command::Undo, &title("Undo", undo), actions);
                 self.item_named(ui, Command::Redo, &title("Redo", redo), actions);
+                ui.separator();
+                self.item(ui, Command::NameByList, actions);
             });
             ui.menu_button("View", |ui| {
                 for command in Command::of_menu(Menu::View) {

@@ -3,6 +3,7 @@
 mod image;
 mod known;
 mod measurement;
+mod naming;
 mod point;
 
 use egui::{Grid, ScrollArea, Ui};
@@ -19,6 +20,7 @@ use crate::ui::context::ViewContext;
 #[derive(Default)]
 pub struct Inspector {
     sights: Cached<PointId, Vec<Sight>>,
+    naming: naming::Naming,
     known: known::Known,
 }
 
@@ -30,6 +32,8 @@ impl Inspector {
         ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             if let Some(id) = selection.point {
                 let sights = self.sights.get(network, id, |id| sights(network, *id));
+                point::heading(ui, network, id, actions);
+                self.naming.ui(ui, network, id, actions);
                 point::ui(ui, context, id, sights, actions);
                 ui.separator();
                 self.known.ui(ui, context, id, actions);
@@ -166,5 +170,20 @@ mod tests {
         bench.harness.get_by_label("1.020");
         bench.change(|network| network.inputs += 1);
         bench.harness.get_by_label(BEFORE_LAST_EDITS);
+    }
+
+    #[test]
+    fn a_plain_target_gets_another_name() {
+        let mut bench = bench(select_point("M1".parse().unwrap()));
+        let field = bench.harness.get_by_label("Name");
+        field.focus();
+        field.type_text("edge 7");
+        bench.harness.run();
+        bench.harness.get_by_label("Rename").click();
+        let name = Some("edge 7".to_owned());
+        let renamed = Action::Edit(Edit::RenameTarget { target: 1, name });
+        assert_eq!(bench.actions(), [renamed]);
+        bench.select(select_point("C1".parse().unwrap()));
+        assert!(bench.harness.query_by_label("Rename").is_none());
     }
 }

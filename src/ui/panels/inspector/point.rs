@@ -4,7 +4,7 @@ use egui::{Grid, RichText, Ui};
 
 use super::{decision, facts, image_link};
 use crate::geometry::Circle;
-use crate::network::{PointId, PointKind};
+use crate::network::{Network, PointId, PointKind};
 use crate::ui::action::Action;
 use crate::ui::context::ViewContext;
 use crate::ui::format::{pixels, sigma, with_sigma};
@@ -12,14 +12,8 @@ use crate::ui::panels::facts::{Sight, mark, select_observation, select_point};
 use crate::ui::panels::stale::from_adjustment;
 use crate::ui::theme;
 
-pub(super) fn ui(
-    ui: &mut Ui,
-    context: &ViewContext<'_>,
-    id: PointId,
-    sights: &[Sight],
-    actions: &mut Vec<Action>,
-) {
-    let network = context.network;
+/// Its label and kind, and the way to it.
+pub(super) fn heading(ui: &mut Ui, network: &Network, id: PointId, actions: &mut Vec<Action>) {
     ui.horizontal(|ui| {
         ui.heading(network.label(id));
         ui.weak(match id.kind() {
@@ -35,6 +29,17 @@ pub(super) fn ui(
             actions.push(Action::LookAt(select_point(id)));
         }
     });
+}
+
+/// Its coordinates, and its image in every picture that shows it.
+pub(super) fn ui(
+    ui: &mut Ui,
+    context: &ViewContext<'_>,
+    id: PointId,
+    sights: &[Sight],
+    actions: &mut Vec<Action>,
+) {
+    let network = context.network;
     from_adjustment(ui, network, |ui| coordinates(ui, context, id));
     ui.separator();
     if sights.is_empty() {
