@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{ImageEntry, ImageId, Network, PointId, Source};
+use super::{ImageEntry, ImageId, ImageUse, Network, PointId, Source};
 use crate::targets::DotIndex;
 
 /// Dots of which readings exclude each other, as the last pass of identification left them.
@@ -110,7 +110,8 @@ impl Network {
         };
         reading.dots.iter().all(|(image, dot)| {
             self.images.get(image).is_some_and(|image| {
-                self.awaits_name(image, *dot)
+                image.usage == ImageUse::Used
+                    && self.awaits_name(image, *dot)
                     && !image
                         .labels
                         .values()

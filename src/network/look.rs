@@ -81,6 +81,23 @@ pub enum AbsenceKind {
     Unreadable,
 }
 
+impl AbsenceKind {
+    /// Whether the operator's eye may find the target all the same. What is hidden, cut off or seen too flatly is no question.
+    #[must_use]
+    pub fn is_doubtful(self) -> bool {
+        match self {
+            AbsenceKind::Covered | AbsenceKind::Oblique | AbsenceKind::Border => false,
+            AbsenceKind::Weak
+            | AbsenceKind::Merged
+            | AbsenceKind::Glare
+            | AbsenceKind::Shape
+            | AbsenceKind::Elsewhere
+            | AbsenceKind::Ambiguous
+            | AbsenceKind::Vague => true,
+        }
+    }
+}
+
 impl fmt::Display for AbsenceKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {

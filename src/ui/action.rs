@@ -2,9 +2,10 @@
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use super::app::Command;
-use crate::network::{ImageId, PointId, Stage};
+use crate::network::{AmbiguousGroup, ImageId, PointId, Reading, Stage};
 use crate::project::edit::Edit;
 use crate::project::making::ProjectPlan;
 use crate::targets::DotIndex;
@@ -20,6 +21,25 @@ pub struct Selection {
     pub dot: Option<(ImageId, DotIndex)>,
     /// A place of an image (px) where there is no dot yet: a target that was missed.
     pub place: Option<(ImageId, [f64; 2])>,
+    /// Dots whose readings exclude each other.
+    pub question: Option<Question>,
+}
+
+/// A group of dots that waits for a decision, and the reading that is looked at.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Question {
+    /// The group.
+    pub group: Arc<AmbiguousGroup>,
+    /// Place of the reading in hand.
+    pub in_hand: usize,
+}
+
+impl Question {
+    /// The reading in hand.
+    #[must_use]
+    pub fn reading(&self) -> Option<&Reading> {
+        self.group.readings.get(self.in_hand)
+    }
 }
 
 /// How far to run.

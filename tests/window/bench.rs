@@ -11,7 +11,7 @@ use egui::{Event, Key, Modifiers, PointerButton, Pos2, RawInput, vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable as _;
 use nalgebra::Vector2;
-use tiepoint::network::{ImageId, Label, Network, PointId};
+use tiepoint::network::{Absence, AbsenceKind, ImageId, Label, Network, PointId};
 use tiepoint::project::session::Session;
 use tiepoint::targets::DotIndex;
 use tiepoint::ui::app::App;
@@ -376,7 +376,7 @@ pub(crate) fn first_image(bench: &Bench) -> ImageId {
     views.next().expect("an image panel").image
 }
 
-/// Takes a dot out of an image, as if detection had not found it; the last dot gets its place.
+/// Takes a dot out of an image, as if neither detection nor the look for missing targets had found it; the last dot gets its place.
 pub(crate) fn miss(network: &mut Network, seen: Seen) {
     network.adjustment = None;
     let dot = seen.dot;
@@ -394,6 +394,14 @@ pub(crate) fn miss(network: &mut Network, seen: Seen) {
     let reasons: BTreeMap<_, _> = reasons.map(|(old, r)| (moved(*old), r.clone())).collect();
     entry.labels = Arc::new(labels);
     entry.unlabelled = Arc::new(reasons);
+    let absence = Absence {
+        place_px: seen.place_px,
+        kind: AbsenceKind::Weak,
+        reason: "taken out of the trial".into(),
+    };
+    let mut look = entry.look.as_deref().cloned().unwrap_or_default();
+    look.absent.insert(seen.point, absence);
+    entry.look = Some(Arc::new(look));
 }
 
 /// The dot of the image that carries this point's name, and whether it was measured by hand.

@@ -261,7 +261,7 @@ const NETWORK: &str = "3D view, under the pointer";
 const REVIEW: &str = "Review";
 
 /// Keys that views take while the pointer is over them, or while they are in front.
-pub(super) const VIEW_KEYS: [ViewKey; 27] = [
+pub(super) const VIEW_KEYS: [ViewKey; 28] = [
     view_key(IMAGE, "wheel", "zoom at the pointer"),
     view_key(IMAGE, "drag", "move the picture"),
     view_key(
@@ -300,6 +300,11 @@ pub(super) const VIEW_KEYS: [ViewKey; 27] = [
         "move, after a click into the view",
     ),
     view_key(REVIEW, "Space", "accept"),
+    view_key(
+        REVIEW,
+        "1 to 9",
+        "this reading of an ambiguous group is right",
+    ),
     view_key(REVIEW, "X", "reject"),
     view_key(REVIEW, "E", "edit: the list of labels of the dot"),
     view_key(REVIEW, "N", "next, decide later"),

@@ -3,9 +3,9 @@
 use nalgebra::Vector2;
 
 use super::App;
-use crate::network::{ImageId, Network, PointId};
-use crate::ui::action::Selection;
-use crate::ui::image_view::ImageView;
+use crate::network::{ImageId, Network, PointId, ReadTarget};
+use crate::ui::action::{Question, Selection};
+use crate::ui::image_view::{ImageView, place_of_reading};
 use crate::ui::layout::{Pane, first_layout};
 
 /// Magnification at which a place is looked at, screen points per pixel: a dot of ten pixels becomes a coin.
@@ -48,6 +48,22 @@ fn place_of(network: &Network, selection: &Selection) -> Option<(ImageId, Vector
     }
     let image = selection.image?;
     Some((image, place_in_image(network, image, selection.point?)?))
+}
+
+/// The images that show what is selected: those of the reading in hand, and those in which the selected point has its dot.
+fn images_to_compare(network: &Network, selection: &Selection) -> Vec<ImageId> {
+    let reading = selection.question.as_ref().and_then(Question::reading);
+    let of_reading = reading.into_iter().flat_map(|reading| &reading.dots);
+    let mut images: Vec<ImageId> = of_reading.map(|(image, _)| *image).collect();
+    let known = reading.and_then(|reading| match reading.target {
+        ReadTarget::New { .. } => None,
+        ReadTarget::Known(point) => Some(point),
+    });
+    if let Some(point) = selection.point.or(known) {
+        let all = network.used_images().map(|(id, _)| id);
+        images.extend(all.filter(|id| shows(network, *id, point)));
+    }
+    images
 }
 
 /// Whether a dot of the image carries this point's label.
@@ -129,7 +145,8 @@ impl App {
         self.selection.image = Some(ids[next]);
     }
 
-    /// Brings a selection into view everywhere: the place itself in one image panel, the same target in the others.
+    /// Brings a selection into view everywhere: the place itself in one image panel, the same target, or the other dots of the reading
+    /// in hand, in the others.
     ///
     /// Panels that show the target stay where they are, so that nothing jumps.
     pub(super) fn look_at(&mut self, selection: &Selection) {
@@ -137,11 +154,8 @@ impl App {
         let first = place_of(network, selection)
             .map(|(image, _)| image)
             .or(selection.image);
-        let others = selection.point.map_or_else(Vec::new, |point| {
-            let all = network.used_images().map(|(id, _)| id);
-            all.filter(|id| Some(*id) != first && shows(network, *id, point))
-                .collect()
-        });
+        let mut others = images_to_compare(network, selection);
+        others.retain(|id| Some(*id) != first);
         if let Some(first) = first {
             self.show_image(first);
         }
@@ -191,6 +205,9 @@ impl App {
 
     fn place_for(&self, image: ImageId, selection: &Selection) -> Option<Vector2<f64>> {
         let network = self.network();
+        if let Some(reading) = selection.question.as_ref().and_then(Question::reading) {
+            return place_of_reading(network, image, reading);
+        }
         match place_of(network, selection) {
             Some((of, place)) if of == image => Some(place),
             _ => place_in_image(network, image, selection.point?),

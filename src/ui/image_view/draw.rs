@@ -13,7 +13,7 @@ use super::overlay::{Easel, Focus, Overlay, Overlays};
 use super::tiles::PictureCallback;
 use super::tools::selected_dot;
 use super::{Canvas, EpipolarCache, ImageView, Loupe, Popup, ScreenFromImage, prediction};
-use crate::network::{ImageId, PointId};
+use crate::network::ImageId;
 use crate::targets::DotIndex;
 use crate::ui::action::Selection;
 use crate::ui::context::ViewContext;
@@ -103,8 +103,13 @@ impl ImageView {
             _ => None,
         };
         easel.draw(marks, [selected, hovered], occupancy);
-        if let Some(focus) = focus {
-            easel.selected(focus);
+        match &context.selection.question {
+            Some(question) => easel.question(context.network, self.image, question),
+            None => {
+                if let Some(focus) = focus {
+                    easel.selected(focus);
+                }
+            }
         }
         if let Some(Popup::Label(LabelPopup {
             subject: Subject::New { dot, .. },
@@ -205,7 +210,11 @@ impl ImageView {
                 }
                 Hovered::Missed(missed) => {
                     let refused = marks.refused_near(missed.place_px);
-                    hover::missed_tooltip(ui, &missed, refused, context.network);
+                    let mut absent = canvas.entry.absent();
+                    let absence = absent.find(|(point, _)| *point == missed.point);
+                    let absence = absence.filter(|_| missed.absence.is_some());
+                    let absence = absence.map(|(_, absence)| absence);
+                    hover::missed_tooltip(ui, &missed, absence, refused, context.network);
                 }
                 Hovered::Candidate(slot) => {
                     if let Some(rejected) =
@@ -224,9 +233,7 @@ impl EpipolarCache {
             selection == context.selection && Arc::ptr_eq(of, marks)
         });
         if !known {
-            let point: Option<PointId> = context.selection.point;
-            self.lines =
-                prediction::epipolar_lines(context.network, image, context.selection.dot, point);
+            self.lines = prediction::epipolar_lines(context.network, image, context.selection);
             self.of = Some((context.selection.clone(), Arc::clone(marks)));
         }
     }

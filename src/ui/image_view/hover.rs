@@ -6,7 +6,7 @@ use super::marks::{Mark, Marks};
 use super::overlay::{Overlay, Overlays};
 use super::prediction::{Facing, Predicted};
 use super::transform::ScreenFromImage;
-use crate::network::Network;
+use crate::network::{Absence, Network};
 use crate::targets::{DotIndex, Rejected};
 use crate::ui::format;
 
@@ -105,6 +105,7 @@ pub(super) fn dot_tooltip(ui: &mut Ui, mark: &Mark) {
 pub(super) fn missed_tooltip(
     ui: &mut Ui,
     missed: &Predicted,
+    absence: Option<&Absence>,
     refused: Option<&Rejected>,
     network: &Network,
 ) {
@@ -118,10 +119,18 @@ pub(super) fn missed_tooltip(
         format::pixels(missed.place_px.x),
         format::pixels(missed.place_px.y)
     ));
-    ui.label(match missed.facing {
-        Facing::Towards => "It is turned to this camera.",
-        Facing::Unknown => "It is turned away, or nothing sees it from near here.",
-    });
+    match (absence, missed.facing) {
+        (Some(absence), _) => {
+            ui.strong(absence.kind.to_string());
+            ui.label(&absence.reason);
+        }
+        (None, Facing::Towards) => {
+            ui.label("It is turned to this camera.");
+        }
+        (None, Facing::Unknown) => {
+            ui.label("It is turned away, or nothing sees it from near here.");
+        }
+    }
     if let Some(angle) = missed.incidence_deg {
         ui.label(format!("{angle:.0} deg from its normal"));
     }

@@ -98,27 +98,6 @@ pub fn filtered(ranked: &[LabelCandidate], text: &str, network: &Network) -> Vec
     found
 }
 
-/// A number that no plain target has yet.
-#[must_use]
-pub fn new_target(network: &Network) -> PointId {
-    let labels = network
-        .images
-        .values()
-        .flat_map(|i| i.labels.values().map(|label| label.point));
-    let highest = labels
-        .chain(network.points.keys().copied())
-        .filter_map(|point| match point {
-            PointId::Target(number) => Some(number),
-            _ => None,
-        })
-        .max();
-    PointId::Target(
-        network
-            .next_target
-            .max(highest.map_or(1, |number| number + 1)),
-    )
-}
-
 /// What gets the name.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Subject {
@@ -226,7 +205,7 @@ impl LabelPopup {
             ui.weak("No point has such a label.");
         }
         ui.separator();
-        let new = new_target(network);
+        let new = network.new_target();
         if ui
             .button(format!("New target {}", network.label(new)))
             .clicked()

@@ -19,6 +19,7 @@ mod notes;
 mod occupancy;
 mod overlay;
 mod prediction;
+mod question;
 #[cfg(test)]
 mod tests;
 mod tiles;
@@ -48,11 +49,12 @@ use occupancy::Occupancy;
 use tools::Asked;
 use transform::Sight;
 
-pub use labelling::{LabelCandidate, filtered, new_target, rank_labels};
+pub use labelling::{LabelCandidate, filtered, rank_labels};
 pub use marks::DotClass;
 pub use measuring::{MeasuredByHand, NOTHING_THERE};
 pub use overlay::{Overlay, Overlays};
 pub use prediction::{Facing, Misfit, Predicted, misfit_of, missed_targets, missed_with};
+pub use question::place_of_reading;
 pub use tiles::install;
 pub use transform::{PixelRect, ScreenFromImage};
 pub use visibility::Directions;

@@ -285,16 +285,20 @@ impl Easel<'_> {
         );
     }
 
-    /// A ring that leaves the place itself free: what stands there is to be judged.
+    /// A ring that leaves the place itself free: what stands there is to be judged. What is seen flatly has a faint one without arms: there
+    /// are many of those.
     fn missed(&self, missed: &Predicted, dot_px: f64) {
-        let strength = match missed.facing {
-            Facing::Towards => 1.0,
-            Facing::Unknown => 0.55,
+        let (strength, least) = match missed.turned {
+            Facing::Towards => (1.0, 3.5),
+            Facing::Unknown => (0.55, 1.5),
         };
         let stroke = Stroke::new(1.2, theme::PREDICTED.gamma_multiply(strength));
         let centre = self.transform.point(missed.place_px);
-        let radius = (0.75 * self.transform.length(dot_px)).clamp(3.5, 40.0);
+        let radius = (0.75 * self.transform.length(dot_px)).clamp(least, 40.0);
         self.painter.circle_stroke(centre, radius, stroke);
+        if missed.turned == Facing::Unknown {
+            return;
+        }
         for side in [-1.0, 1.0] {
             let (from, to) = (vec2(side * radius, 0.0), vec2(side * (radius + 3.0), 0.0));
             self.painter

@@ -1,12 +1,15 @@
 //! Where targets should be: points projected into an image, and rays of other images projected as curves.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Matrix2, Matrix6, SMatrix, Vector2, Vector3};
 
 use super::visibility::Directions;
 use crate::camera::Camera;
 use crate::geometry::{Pose, skew};
-use crate::network::{ImageEntry, ImageId, Network, Point, PointId};
+use crate::network::{Absence, AbsenceKind, ImageEntry, ImageId, Network, Point, PointId};
 use crate::targets::DotIndex;
+use crate::ui::action::{Question, Selection};
 
 /// A dot nearer than this to a predicted place is taken for the target, px.
 const SAME_PLACE_PX: f64 = 3.0;
@@ -17,8 +20,12 @@ pub struct Predicted {
     pub point: PointId,
     /// Where it should be, px.
     pub place_px: Vector2<f64>,
-    /// Whether it is turned to the camera, as far as its other rays tell.
+    /// Whether it should be seen: as the last look at the image has it, before one as its other rays tell.
     pub facing: Facing,
+    /// Whether it is turned to the camera, as far as its other rays tell: what is seen flatly is faint.
+    pub turned: Facing,
+    /// Why it is not there; `None` where nobody has looked, or where it is not to be seen.
+    pub absence: Option<AbsenceKind>,
     /// Angle between its normal and the ray to this camera, degrees; `None` where its ellipses do not tell the normal.
     pub incidence_deg: Option<f64>,
     /// Angle between the ray to this camera and the nearest one that saw it, degrees; `None` where nothing saw it.
@@ -28,7 +35,8 @@ pub struct Predicted {
 /// Whether a point's face is turned to a camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Facing {
-    /// Its normal is turned this way, as far as dots are measured, and other images see it from near this direction.
+    /// It should be seen: the look for missing targets says so; before that, its normal is turned this way, as far as dots are
+    /// measured, and other images see it from near this direction.
     Towards,
     /// It is turned away, seen from other sides only, or nothing is known of it.
     Unknown,
@@ -117,8 +125,8 @@ impl<'a> Sight<'a> {
     }
 }
 
-/// Points that are projected into the image, are labelled nowhere in it, and have no dot near their place; whether they
-/// should be seen is for [`Predicted::facing`] to say.
+/// Targets that the image ought to show and does not, as the last look at it has them; and points that are projected into it, are
+/// labelled nowhere in it and have no dot near their place. Whether they should be seen is for [`Predicted::facing`] to say.
 #[must_use]
 pub fn missed_targets(network: &Network, entry: &ImageEntry) -> Vec<Predicted> {
     let places = places_without_dot(network, entry);
@@ -151,13 +159,23 @@ fn with_facing(
     let Some(sight) = Sight::of(network, entry) else {
         return Vec::new();
     };
+    let looked = has_been_looked_at(entry);
+    let absent = absent(entry);
     let predicted = |(point, place_px): (PointId, Vector2<f64>)| {
         let towards = sight.pose.centre_in_world - network.points.get(&point)?.position;
         let aspect = directions.aspect(point, &towards);
+        let absence = absent.get(&point);
+        let turned = aspect.map_or(Facing::Unknown, |aspect| aspect.facing);
         Some(Predicted {
             point,
             place_px,
-            facing: aspect.map_or(Facing::Unknown, |aspect| aspect.facing),
+            facing: match (looked, absence) {
+                (true, Some(_)) => Facing::Towards,
+                (true, None) => Facing::Unknown,
+                (false, _) => turned,
+            },
+            turned,
+            absence: absence.map(|absence| absence.kind),
             incidence_deg: aspect.and_then(|aspect| aspect.incidence_deg),
             nearest_deg: aspect.map(|aspect| aspect.nearest_deg),
         })
@@ -165,7 +183,20 @@ fn with_facing(
     places.into_iter().filter_map(predicted).collect()
 }
 
-/// Points within the picture without a label in it and without a dot near, in the order of their names.
+/// Whether the image was looked at for the targets that it ought to show.
+fn has_been_looked_at(entry: &ImageEntry) -> bool {
+    let look = entry.look.as_ref();
+    look.is_some_and(|look| look.unreadable.is_none())
+}
+
+/// What the last look missed; nothing where there was none.
+fn absent(entry: &ImageEntry) -> BTreeMap<PointId, &Absence> {
+    let looked = has_been_looked_at(entry);
+    entry.absent().filter(|_| looked).collect()
+}
+
+/// What the last look missed, at its places; and points within the picture without a label in it and without a dot near; in the order
+/// of their names.
 fn places_without_dot(network: &Network, entry: &ImageEntry) -> Vec<(PointId, Vector2<f64>)> {
     let Some(sight) = Sight::of(network, entry) else {
         return Vec::new();
@@ -179,9 +210,14 @@ fn places_without_dot(network: &Network, entry: &ImageEntry) -> Vec<(PointId, Ve
     rows.sort_by(|a, b| a.y.total_cmp(&b.y));
     let mut labelled: Vec<PointId> = entry.labels.values().map(|label| label.point).collect();
     labelled.sort_unstable();
+    let absent = absent(entry);
     let mut places = Vec::new();
     for (id, point) in network.points.iter() {
         if labelled.binary_search(id).is_ok() {
+            continue;
+        }
+        if let Some(absence) = absent.get(id) {
+            places.push((*id, absence.place_px));
             continue;
         }
         if let Some(place_px) = sight.image_of(point)
@@ -202,12 +238,12 @@ fn has_near(rows: &[Vector2<f64>], place: Vector2<f64>) -> bool {
         .any(|dot| (dot - place).norm() <= SAME_PLACE_PX)
 }
 
-/// The images of the rays of a dot (or of all dots of a point) of other images: curves, bent by the lens.
+/// The images of the rays of what is selected in other images: of the dots of the reading in hand, of a dot, or of all dots of a point;
+/// curves, bent by the lens.
 pub(super) fn epipolar_lines(
     network: &Network,
     image: ImageId,
-    dot: Option<(ImageId, DotIndex)>,
-    point: Option<PointId>,
+    selection: &Selection,
 ) -> Vec<Vec<Vector2<f64>>> {
     /// Lines of so many other images are drawn at most.
     const MOST_LINES: usize = 12;
@@ -219,9 +255,14 @@ pub(super) fn epipolar_lines(
         return Vec::new();
     };
     let mut dots: Vec<(ImageId, DotIndex)> = Vec::new();
-    match (dot, point) {
-        (Some((other, dot)), _) if other != image => dots.push((other, dot)),
-        (_, Some(point)) => {
+    let reading = selection.question.as_ref().and_then(Question::reading);
+    match (reading, selection.dot, selection.point) {
+        (Some(reading), ..) => {
+            let others = reading.dots.iter().filter(|(other, _)| *other != image);
+            dots.extend(others);
+        }
+        (None, Some((other, dot)), _) if other != image => dots.push((other, dot)),
+        (None, _, Some(point)) => {
             for (other, entry, _) in network.oriented_images().filter(|(id, ..)| *id != image) {
                 let label = entry.used_labels().find(|(_, label)| label.point == point);
                 dots.extend(label.map(|(dot, _)| (other, dot)));

@@ -1,5 +1,7 @@
 //! A rendered scene with its detections, labelled by its truth, looked at through a view.
 
+mod looks;
+
 use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
@@ -269,7 +271,7 @@ fn a_click_on_a_dot_selects_it_with_its_point() {
         point: Some(point),
         image: Some(FIRST),
         dot: Some((FIRST, dot)),
-        place: None,
+        ..Selection::default()
     };
     assert_eq!(harness.state().actions, [Action::Select(expected)]);
 }
@@ -468,7 +470,7 @@ fn labels_are_ranked_by_their_predicted_distance_and_filtered() {
         "a label typed in full comes first, known or not"
     );
     assert!(filtered(&ranked, "no such label", network).is_empty());
-    let PointId::Target(number) = new_target(network) else {
+    let PointId::Target(number) = network.new_target() else {
         panic!("a plain target");
     };
     assert!(!network.points.contains_key(&PointId::Target(number)));
@@ -478,7 +480,11 @@ fn labels_are_ranked_by_their_predicted_distance_and_filtered() {
 fn an_epipolar_line_goes_through_the_same_target() {
     let network = &scene().network;
     let (_, point, place) = a_plain_dot(network);
-    let lines = prediction::epipolar_lines(network, FIRST, None, Some(point));
+    let selection = Selection {
+        point: Some(point),
+        ..Selection::default()
+    };
+    let lines = prediction::epipolar_lines(network, FIRST, &selection);
     assert!(!lines.is_empty());
     for line in lines {
         let distance = line

@@ -243,14 +243,14 @@ impl ImageView {
                     point,
                     image,
                     dot: Some((self.image, dot)),
-                    place: None,
+                    ..Selection::default()
                 }
             }
             Some(Hovered::Missed(missed)) => Selection {
                 point: Some(missed.point),
                 image,
-                dot: None,
                 place: Some((self.image, missed.place_px.into())),
+                ..Selection::default()
             },
             Some(Hovered::Candidate(_)) | None => Selection {
                 image,

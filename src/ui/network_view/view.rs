@@ -516,15 +516,12 @@ fn click(
         Some(Target::Point(id)) => select_point(network, selection, id),
         Some(Target::Station(id)) => Selection {
             image: Some(id),
-            dot: None,
-            place: None,
-            ..selection.clone()
+            point: selection.point,
+            ..Selection::default()
         },
         None => Selection {
-            point: None,
-            dot: None,
-            place: None,
-            ..selection.clone()
+            image: selection.image,
+            ..Selection::default()
         },
     };
     if picked.is_some() && response.double_clicked() {
@@ -547,6 +544,6 @@ fn select_point(network: &Network, selection: &Selection, id: PointId) -> Select
         point: Some(id),
         image: selection.image,
         dot,
-        place: None,
+        ..Selection::default()
     }
 }

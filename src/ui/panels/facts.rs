@@ -211,7 +211,7 @@ pub(super) fn select_observation(
         point,
         image: Some(image),
         dot: Some((image, dot)),
-        place: None,
+        ..Selection::default()
     }
 }
 

@@ -111,10 +111,10 @@ impl StagesPanel {
             "Two rays always nearly meet somewhere; three that meet are no accident.",
             DragValue::new(&mut draft.min_rays).range(3..=20).speed(1.0),
         );
+        ui.label("Rays belong together").on_hover_text(
+            "By how exactly each is known and what chance would do; or by one threshold for all (Hattori et al., 2002), which names less.",
+        );
         ui.horizontal_wrapped(|ui| {
-            ui.label("Rays belong together").on_hover_text(
-                "By how exactly each is known and what chance would do; or by one threshold for all (Hattori et al., 2002), which names less.",
-            );
             let present = &mut draft.identification;
             ui.radio_value(present, IdentificationRule::Statistics, "by statistics");
             ui.radio_value(present, IdentificationRule::Paper, "by threshold");

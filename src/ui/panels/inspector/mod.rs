@@ -3,14 +3,17 @@
 mod image;
 mod known;
 mod measurement;
+mod missing;
 mod naming;
 mod point;
+
+use std::collections::BTreeMap;
 
 use egui::{Grid, ScrollArea, Ui};
 
 use super::basis::Cached;
 use super::facts::{Sight, select_image, sights};
-use crate::network::{ImageId, PointId};
+use crate::network::{Absence, AbsenceKind, ImageId, PointId};
 use crate::project::edit::Edit;
 use crate::targets::DotIndex;
 use crate::ui::action::{Action, Selection};
@@ -20,6 +23,8 @@ use crate::ui::context::ViewContext;
 #[derive(Default)]
 pub struct Inspector {
     sights: Cached<PointId, Vec<Sight>>,
+    images_without: Cached<PointId, Vec<(ImageId, Absence)>>,
+    absent: Cached<ImageId, BTreeMap<AbsenceKind, Vec<(PointId, Absence)>>>,
     naming: naming::Naming,
     known: known::Known,
 }
@@ -35,6 +40,9 @@ impl Inspector {
                 point::heading(ui, network, id, actions);
                 self.naming.ui(ui, network, id, actions);
                 point::ui(ui, context, id, sights, actions);
+                let missing = |id: &PointId| missing::images_without(network, *id);
+                let without = self.images_without.get(network, id, missing);
+                missing::of_point(ui, context, id, without, actions);
                 ui.separator();
                 self.known.ui(ui, context, id, actions);
                 if let Some((image, dot)) = selection.dot {
@@ -45,6 +53,9 @@ impl Inspector {
                 image::dot(ui, context, image, dot, actions);
             } else if let Some(id) = selection.image {
                 image::ui(ui, context, id, actions);
+                let absent = |id: &ImageId| missing::absent_by_kind(network, *id);
+                let absent = self.absent.get(network, id, absent);
+                missing::of_image(ui, context, id, absent, actions);
             } else {
                 measurement::ui(ui, context);
             }
@@ -170,6 +181,44 @@ mod tests {
         bench.harness.get_by_label("1.020");
         bench.change(|network| network.inputs += 1);
         bench.harness.get_by_label(BEFORE_LAST_EDITS);
+    }
+
+    #[test]
+    fn targets_that_images_miss_are_told_with_their_reasons() {
+        use crate::network::{Absence, Look};
+        let mut network = network();
+        let point: PointId = "C1".parse().unwrap();
+        let image = network.image_mut(ImageId(1));
+        std::sync::Arc::make_mut(&mut image.labels).retain(|_, label| label.point != point);
+        let absence = Absence {
+            place_px: nalgebra::Vector2::new(70.0, 80.0),
+            kind: AbsenceKind::Covered,
+            reason: "something stands before it".into(),
+        };
+        image.look = Some(std::sync::Arc::new(Look {
+            absent: [(point, absence)].into(),
+            ..Look::default()
+        }));
+        let mut panel = Inspector::default();
+        let mut bench =
+            Bench::selecting(network, select_point(point), move |ui, context, actions| {
+                panel.ui(ui, context, actions);
+            });
+        bench
+            .harness
+            .get_by_label("images that ought to show it and do not: 1");
+        bench.harness.get_by_label("covered");
+        bench.harness.get_by_label("Look at its place").click();
+        let actions = bench.actions();
+        let [Action::LookAt(about)] = &actions[..] else {
+            panic!("{actions:?}");
+        };
+        assert_eq!(about.place, Some((ImageId(1), [70.0, 80.0])));
+        bench.select(select_image(ImageId(1)));
+        bench
+            .harness
+            .get_by_label("targets that it ought to show and does not: 1");
+        bench.harness.get_by_label("covered: 1");
     }
 
     #[test]

@@ -6,8 +6,10 @@ use std::fmt;
 
 use nalgebra::Vector2;
 
+use super::questions::question_items;
 use crate::network::{
-    AdjustedObservation, ImageEntry, ImageId, ImageUse, Network, PointId, Source, Standing,
+    AbsenceKind, AdjustedObservation, ImageEntry, ImageId, ImageUse, Network, PointId, Source,
+    Standing,
 };
 use crate::project::edit::{Edit, SET_ASIDE_BY_OPERATOR};
 use crate::targets::{Detections, Dot, DotIndex};
@@ -30,6 +32,8 @@ const OBLIQUE_RATIO: f64 = 0.342;
 pub enum ReviewKind {
     /// A code reading with a doubt, or one that does not fit the network.
     DoubtfulCode,
+    /// Dots whose readings exclude each other.
+    AmbiguousGroup,
     /// A dot without a name near a predicted target.
     UnnamedDot,
     /// A target that should be seen, where detection found no dot.
@@ -47,7 +51,8 @@ impl ReviewKind {
     pub(super) fn needs_adjustment(self) -> bool {
         matches!(
             self,
-            ReviewKind::UnnamedDot
+            ReviewKind::AmbiguousGroup
+                | ReviewKind::UnnamedDot
                 | ReviewKind::MissedTarget
                 | ReviewKind::RejectedObservation
                 | ReviewKind::HighResidual
@@ -59,6 +64,7 @@ impl fmt::Display for ReviewKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             ReviewKind::DoubtfulCode => "doubtful code",
+            ReviewKind::AmbiguousGroup => "ambiguous group",
             ReviewKind::UnnamedDot => "dot without a name",
             ReviewKind::MissedTarget => "missed target",
             ReviewKind::RejectedObservation => "rejected observation",
@@ -82,15 +88,16 @@ pub struct ReviewItem {
     /// What rejecting changes; `None`: nothing.
     pub reject: Option<Edit>,
     /// Place among items of its kind: smaller comes first.
-    rank: f64,
+    pub(super) rank: f64,
 }
 
 impl ReviewItem {
     /// What tells it from other items.
     pub(super) fn key(&self) -> (ReviewKind, Selection) {
-        // A predicted place moves with every adjustment, the target stays the same.
+        // A predicted place moves with every adjustment, the target stays the same; so do the figures of readings.
         let about = Selection {
             place: None,
+            question: None,
             ..self.about.clone()
         };
         (self.kind, about)
@@ -104,6 +111,7 @@ pub fn review_items(network: &Network) -> Vec<ReviewItem> {
     let mut items: Vec<ReviewItem> = network
         .used_images()
         .flat_map(|(id, image)| items_of_image(network, id, image, &directions))
+        .chain(question_items(network))
         .collect();
     items.sort_by(in_order);
     items
@@ -279,8 +287,9 @@ impl View<'_> {
         self.image.labels.contains_key(&dot) || self.image.rejected_dots.contains_key(&dot)
     }
 
-    /// Targets that are turned this way, that other images see from near here, and that have no dot here; those first
-    /// that detection saw something of, then those that face the camera best.
+    /// Targets that the last look missed for a reason that leaves hope; before a look those that are turned this way, that other images
+    /// see from near here, and that have no dot here. Those first that detection saw something of, then those that face the camera
+    /// best.
     fn missed_targets(&self, directions: &Directions) -> Vec<ReviewItem> {
         let unnamed: Vec<Vector2<f64>> = self
             .dots()
@@ -291,6 +300,12 @@ impl View<'_> {
         missed_with(self.network, self.image, directions)
             .into_iter()
             .filter(|missed| missed.facing == Facing::Towards)
+            .filter(|missed| match missed.absence {
+                None => true,
+                // Of what is seen flatly faint light is all that can be expected.
+                Some(AbsenceKind::Weak) => missed.turned == Facing::Towards,
+                Some(kind) => kind.is_doubtful(),
+            })
             // Such a dot is offered the name already.
             .filter(|missed| !unnamed.iter().any(|dot| near(&missed.place_px, dot)))
             .map(|missed| {
@@ -323,7 +338,15 @@ impl View<'_> {
         if let Some(angle) = missed.nearest_deg {
             evidence += &format!(", {angle:.0} deg from the nearest of its {rays} rays");
         }
-        evidence += "; no dot was found";
+        let look = self
+            .image
+            .look
+            .as_ref()
+            .filter(|_| missed.absence.is_some());
+        match look.and_then(|look| look.absent.get(&missed.point)) {
+            Some(absence) => evidence += &format!("; {}: {}", absence.kind, absence.reason),
+            None => evidence += "; no dot was found",
+        }
         if let Some(reason) = refused {
             evidence += &format!("; detection refused one: {reason}");
         }
@@ -332,8 +355,8 @@ impl View<'_> {
             about: Selection {
                 point: Some(missed.point),
                 image: Some(self.id),
-                dot: None,
                 place: Some((self.id, missed.place_px.into())),
+                ..Selection::default()
             },
             evidence,
             accept: None,

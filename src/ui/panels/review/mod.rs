@@ -6,9 +6,13 @@
 //! Where a target was missed, the present item is measured as soon as its picture is there, and accepting adds what was
 //! measured. Detection's own estimator does that on a cut-out. Where it finds nothing, accepting only goes on: a centre
 //! by hand is made by a click in the image, never from the predicted place.
+//!
+//! Where readings of dots exclude each other, the item shows them in a table, the likeliest first; their numbers decide, and the images
+//! show the one in hand.
 
 mod items;
 mod measured;
+mod questions;
 mod queue;
 #[cfg(test)]
 mod tests;
@@ -23,9 +27,10 @@ use egui_extras::{Column, TableBuilder};
 use super::stale::{BEFORE_LAST_EDITS, is_stale};
 use crate::network::ImageFile;
 use crate::project::edit::Edit;
-use crate::ui::action::{Action, Selection};
+use crate::ui::action::{Action, Question, Selection};
 use crate::ui::context::ViewContext;
 use measured::{CLICK_SETS_IT, Measured};
+use questions::Asked;
 use queue::Queue;
 
 /// What one key does to the queue.
@@ -36,7 +41,22 @@ enum Decision {
     Edit,
     Next,
     Back,
+    /// The reading at this place is right.
+    Take(usize),
 }
+
+/// Keys of readings, the likeliest first.
+const NUMBERS: [Key; 9] = [
+    Key::Num1,
+    Key::Num2,
+    Key::Num3,
+    Key::Num4,
+    Key::Num5,
+    Key::Num6,
+    Key::Num7,
+    Key::Num8,
+    Key::Num9,
+];
 
 impl Decision {
     const ALL: [(Decision, Key); 5] = [
@@ -71,6 +91,10 @@ pub struct Review {
     rested_at: Option<Pos2>,
     /// A key that was taken before the panels drew.
     taken: Option<Decision>,
+    /// The reading that the operator looks at, of which item.
+    in_hand: Option<((ReviewKind, Selection), usize)>,
+    /// Readings of the present item.
+    readings: usize,
 }
 
 /// Whether the views follow the queue.
@@ -97,11 +121,11 @@ impl Review {
     pub fn take_keys(&mut self, context: &Context) {
         let rests = context.pointer_latest_pos() == self.rested_at;
         if self.following == Following::Yes && rests && self.taken.is_none() {
-            self.taken = pressed_key(context);
+            self.taken = pressed_key(context, self.readings);
         }
     }
 
-    /// Draws it; takes the keys Space, X, E, N and Backspace unless a text field has the keyboard.
+    /// Draws it; takes the keys Space, X, E, N and Backspace, and the numbers of readings, unless a text field has the keyboard.
     pub fn ui(&mut self, ui: &mut Ui, context: &ViewContext<'_>, actions: &mut Vec<Action>) {
         self.forget_other_documents(context);
         self.queue.advance(context.network);
@@ -111,14 +135,24 @@ impl Review {
             return;
         }
         let open = self.open_items(context);
+        self.readings = 0;
         if open.is_empty() {
             ui.label("Nothing is doubtful.");
             return;
         }
         self.place = self.place.min(open.len() - 1);
-        self.measured.look(context, &open[self.place]);
-        let key = self.taken.take().or_else(|| pressed_key(ui.ctx()));
-        let decision = key.or(self.item(ui, context, &open));
+        let item = &open[self.place];
+        self.measured.look(context, item);
+        let question = item.about.question.as_ref();
+        self.readings = question.map_or(0, |question| question.group.readings.len());
+        let taken = self.taken.take();
+        let key = taken.or_else(|| pressed_key(ui.ctx(), self.readings));
+        let decision = key.or(self.item(ui, context, &open)).or(self.table(
+            ui,
+            context,
+            &open[self.place],
+            actions,
+        ));
         if let Some(decision) = decision {
             self.rested_at = ui.ctx().pointer_latest_pos();
             self.decide(decision, &open, context, actions);
@@ -139,6 +173,7 @@ impl Review {
             self.said = None;
             self.following = Following::NotYet;
             self.taken = None;
+            self.in_hand = None;
         }
     }
 
@@ -150,7 +185,7 @@ impl Review {
             .items()
             .iter()
             .filter(|i| !waits(&i.accept) && !waits(&i.reject))
-            .filter(|i| !is_being_measured(i, context))
+            .filter(|i| !is_being_measured(i, context) && !is_being_answered(i, context))
             .filter(|i| !self.left_alone.contains(&i.key()))
             .cloned()
             .collect()
@@ -198,6 +233,51 @@ impl Review {
         decision
     }
 
+    /// The readings of a question; a click shows one in the images.
+    fn table(
+        &mut self,
+        ui: &mut Ui,
+        context: &ViewContext<'_>,
+        item: &ReviewItem,
+        actions: &mut Vec<Action>,
+    ) -> Option<Decision> {
+        let question = self.question(item)?;
+        match questions::table(ui, context.network, &question)? {
+            Asked::Take(place) => Some(Decision::Take(place)),
+            Asked::Show(place) => {
+                self.in_hand = Some((item.key(), place));
+                self.following = Following::Yes;
+                self.looked_at = Some(item.key());
+                actions.push(Action::LookAt(self.about(item)));
+                None
+            }
+        }
+    }
+
+    /// The question of an item with the reading that the operator looks at; `None` where it is no question.
+    fn question(&self, item: &ReviewItem) -> Option<Question> {
+        let asked = item.about.question.as_ref()?;
+        let in_hand = self.in_hand.as_ref().filter(|(of, _)| *of == item.key());
+        let in_hand = in_hand.map_or(0, |(_, place)| *place);
+        Some(Question {
+            in_hand: in_hand.min(asked.group.readings.len().saturating_sub(1)),
+            ..asked.clone()
+        })
+    }
+
+    /// Where an item sends the views.
+    fn about(&self, item: &ReviewItem) -> Selection {
+        let question = self.question(item);
+        let reading = question.as_ref().and_then(Question::reading);
+        let dot = reading.and_then(|reading| reading.dots.first().copied());
+        Selection {
+            image: dot.map(|(image, _)| image).or(item.about.image),
+            dot: dot.or(item.about.dot),
+            question,
+            ..item.about.clone()
+        }
+    }
+
     fn decide(
         &mut self,
         decision: Decision,
@@ -230,6 +310,11 @@ impl Review {
                 }
                 return;
             }
+            Decision::Accept | Decision::Take(_) if item.kind == ReviewKind::AmbiguousGroup => {
+                self.answer(decision, item, actions);
+                return;
+            }
+            Decision::Take(_) => return,
             Decision::Accept => &item.accept,
             Decision::Reject => &item.reject,
             Decision::Edit => {
@@ -269,6 +354,23 @@ impl Review {
                 self.decided_last = Some(item.key());
                 self.left_alone.push(item.key());
             }
+        }
+    }
+
+    /// The reading in hand is right, or the one of the key.
+    fn answer(&mut self, decision: Decision, item: &ReviewItem, actions: &mut Vec<Action>) {
+        let Some(question) = self.question(item) else {
+            return;
+        };
+        let place = match decision {
+            Decision::Take(place) => place,
+            _ => question.in_hand,
+        };
+        if let Some(reading) = question.group.readings.get(place) {
+            self.following = Following::Yes;
+            self.decided_last = None;
+            let edit = Edit::TakeReading(Box::new(reading.clone()));
+            actions.push(Action::Edit(edit));
         }
     }
 
@@ -335,17 +437,21 @@ impl Review {
             return;
         }
         self.looked_at = Some(item.key());
-        actions.push(Action::LookAt(item.about.clone()));
+        actions.push(Action::LookAt(self.about(item)));
     }
 }
 
-fn pressed_key(context: &Context) -> Option<Decision> {
+/// The queue's key that is pressed, those of so many readings among them.
+fn pressed_key(context: &Context, readings: usize) -> Option<Decision> {
     if context.egui_wants_keyboard_input() {
         return None;
     }
+    let numbers = NUMBERS.into_iter().take(readings).enumerate();
+    let numbers = numbers.map(|(place, key)| (Decision::Take(place), key));
     context.input_mut(|input| {
         Decision::ALL
             .into_iter()
+            .chain(numbers)
             .find(|(_, key)| input.consume_key(Modifiers::NONE, *key))
             .map(|(decision, _)| decision)
     })
@@ -362,6 +468,17 @@ fn is_being_measured(item: &ReviewItem, context: &ViewContext<'_>) -> bool {
         })
 }
 
+/// Whether an edit waits that answers this question.
+fn is_being_answered(item: &ReviewItem, context: &ViewContext<'_>) -> bool {
+    let Some(question) = &item.about.question else {
+        return false;
+    };
+    context.pending.iter().any(|edit| match edit {
+        Edit::TakeReading(reading) => question.group.readings.contains(reading),
+        _ => false,
+    })
+}
+
 /// What accepting and rejecting an item do.
 fn effects(item: &ReviewItem) -> (&'static str, &'static str) {
     match item.kind {
@@ -370,6 +487,10 @@ fn effects(item: &ReviewItem) -> (&'static str, &'static str) {
             "there is no target, do not ask again",
         ),
         ReviewKind::UnnamedDot => ("name the dot", "no target, never use the dot"),
+        ReviewKind::AmbiguousGroup => (
+            "the reading in hand is right",
+            "none is right, never use these dots",
+        ),
         _ => (
             effect(item.accept.as_ref(), "it is right, leave it"),
             effect(item.reject.as_ref(), "leave it"),

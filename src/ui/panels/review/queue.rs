@@ -5,8 +5,10 @@ use std::collections::btree_map::Entry;
 use std::sync::Arc;
 
 use super::items::{ReviewItem, in_order, items_of_image};
+use super::questions::question_items;
 use crate::network::{
-    AdjustmentResult, CameraEntry, CameraId, ImageEntry, ImageId, Network, Point, PointId,
+    AdjustmentResult, AmbiguousGroup, CameraEntry, CameraId, ImageEntry, ImageId, Network, Point,
+    PointId,
 };
 use crate::ui::image_view::Directions;
 use crate::ui::panels::basis::is_same;
@@ -28,10 +30,32 @@ struct Found {
     items: Vec<Arc<ReviewItem>>,
 }
 
+/// Questions, which hang on several images.
+struct Questions {
+    groups: Arc<Vec<AmbiguousGroup>>,
+    images: Arc<BTreeMap<ImageId, Arc<ImageEntry>>>,
+    items: Vec<Arc<ReviewItem>>,
+}
+
+impl Questions {
+    fn of(network: &Network) -> Self {
+        Self {
+            groups: network.ambiguous.clone(),
+            images: network.images.clone(),
+            items: question_items(network).into_iter().map(Arc::new).collect(),
+        }
+    }
+
+    fn hold(&self, network: &Network) -> bool {
+        Arc::ptr_eq(&self.groups, &network.ambiguous) && Arc::ptr_eq(&self.images, &network.images)
+    }
+}
+
 /// The items found so far.
 #[derive(Default)]
 pub(super) struct Queue {
     common: Option<Common>,
+    questions: Option<Questions>,
     found: BTreeMap<ImageId, Found>,
     sorted: Vec<Arc<ReviewItem>>,
 }
@@ -65,6 +89,10 @@ impl Queue {
         };
         self.found.retain(|id, found| present(id, found));
         let mut changed = !stands || self.found.len() != before;
+        if !self.questions.as_ref().is_some_and(|q| q.hold(network)) {
+            self.questions = Some(Questions::of(network));
+            changed = true;
+        }
         let directions = self
             .common
             .as_ref()
@@ -85,11 +113,9 @@ impl Queue {
             }
         }
         if changed && self.images_left(network).is_none() {
-            self.sorted = self
-                .found
-                .values()
-                .flat_map(|f| f.items.iter().cloned())
-                .collect();
+            let of_images = self.found.values().flat_map(|found| &found.items);
+            let questions = self.questions.iter().flat_map(|questions| &questions.items);
+            self.sorted = of_images.chain(questions).cloned().collect();
             self.sorted.sort_by(|a, b| in_order(a, b));
         }
     }

@@ -2,7 +2,10 @@
 
 use super::*;
 use crate::imaging::{BitDepth, GreyImage};
-use crate::network::{CameraId, ImageId, Label, Network, Point, PointId, Source};
+use crate::network::{
+    Agreement, AmbiguousGroup, CameraId, ImageId, Label, Network, Point, PointId, ReadTarget,
+    Reading, Source,
+};
 use crate::targets::DotIndex;
 use crate::ui::panels::fixture::{Bench, network};
 use egui_kittest::kittest::Queryable as _;
@@ -230,4 +233,129 @@ fn what_is_left_alone_comes_back_by_going_back() {
     bench.harness.key_press(Key::Backspace);
     bench.actions();
     at(&bench, place.unwrap() + 1, count);
+}
+
+/// Two dots without a name that a new target and an old one claim.
+fn with_a_question() -> Network {
+    let mut network = network();
+    let new = ReadTarget::New {
+        position: Vector3::new(10.0, 0.0, 0.0),
+        covariance: nalgebra::Matrix3::identity(),
+    };
+    let reading = |target, dots: &[u32], log_likelihood| Reading {
+        target,
+        dots: dots
+            .iter()
+            .map(|dot| (ImageId(1), DotIndex(*dot)))
+            .collect(),
+        rays: Agreement {
+            chi_square: 8.0,
+            freedom: 2,
+        },
+        shape: Agreement::default(),
+        diameter_mm: Some(5.0),
+        log_likelihood,
+    };
+    let old = ReadTarget::Known("M2".parse().unwrap());
+    let point = Point {
+        position: Vector3::new(1.0, 2.0, 3.0),
+        covariance: None,
+        rays: 3,
+        circle: None,
+    };
+    Arc::make_mut(&mut network.points).insert("M2".parse().unwrap(), Arc::new(point));
+    network.ambiguous = Arc::new(vec![AmbiguousGroup {
+        readings: vec![reading(new, &[4, 6], 9.0), reading(old, &[4], 7.0)],
+    }]);
+    network
+}
+
+fn at_the_question() -> (Bench, AmbiguousGroup) {
+    let network = with_a_question();
+    let group = network.open_groups().remove(0);
+    let items = review_items(&network);
+    let question = |item: &ReviewItem| item.kind == ReviewKind::AmbiguousGroup;
+    assert_eq!(items.iter().filter(|item| question(item)).count(), 1);
+    let place = items.iter().position(question).unwrap();
+    let mut panel = Review::default();
+    let mut bench = Bench::new(network, move |ui, context, actions| {
+        panel.ui(ui, context, actions);
+    });
+    for _ in 0..place {
+        bench.harness.key_press(Key::N);
+        bench.actions();
+    }
+    (bench, group)
+}
+
+#[test]
+fn a_question_shows_its_readings_and_a_number_decides() {
+    let (mut bench, group) = at_the_question();
+    bench.harness.get_by_label("a new target");
+    bench.harness.get_by_label("7.4");
+    bench.harness.get_by_label("M2").click();
+    let actions = bench.actions();
+    let [Action::LookAt(about)] = &actions[..] else {
+        panic!("{actions:?}");
+    };
+    let question = about.question.as_ref().expect("the question in hand");
+    assert_eq!(question.reading(), Some(&group.readings[1]));
+    assert_eq!(about.dot, Some((ImageId(1), DotIndex(4))));
+    let take = |place: usize| {
+        let reading = group.readings[place].clone();
+        Action::Edit(Edit::TakeReading(Box::new(reading)))
+    };
+    bench.harness.key_press(Key::Num1);
+    assert_eq!(bench.actions()[0], take(0));
+    bench.harness.key_press(Key::Space);
+    assert_eq!(bench.actions()[0], take(1), "the reading in hand");
+    bench.harness.key_press(Key::Num3);
+    assert_eq!(bench.actions(), [], "there is no third reading");
+    bench.harness.key_press(Key::X);
+    let dots = group.dots().into_iter().collect();
+    let none = Action::Edit(Edit::DismissReadings { dots });
+    assert_eq!(bench.actions()[0], none);
+    bench.change(|network| {
+        let edit = Edit::TakeReading(Box::new(group.readings[1].clone()));
+        edit.apply(network).unwrap();
+    });
+    assert!(bench.harness.query_by_label("ambiguous group").is_none());
+}
+
+#[test]
+fn after_a_look_the_queue_asks_for_what_may_still_be_found() {
+    use crate::network::{Absence, AbsenceKind, Look};
+    let (mut network, point, place) = with_a_missed_target();
+    let looked = |kind| Look {
+        absent: [(
+            point,
+            Absence {
+                place_px: place,
+                kind,
+                reason: "its reason".into(),
+            },
+        )]
+        .into(),
+        ..Look::default()
+    };
+    let mut missed_after = |look| {
+        network.image_mut(ImageId(1)).look = Some(Arc::new(look));
+        let mut items = review_items(&network);
+        items.retain(|item| item.kind == ReviewKind::MissedTarget);
+        items
+    };
+    let weak = missed_after(looked(AbsenceKind::Weak));
+    assert_eq!(weak.len(), 1);
+    assert!(
+        weak[0].evidence.ends_with("too weak: its reason"),
+        "{}",
+        weak[0].evidence
+    );
+    assert_eq!(missed_after(looked(AbsenceKind::Covered)), []);
+    assert_eq!(missed_after(Look::default()), [], "the look expects it not");
+    let unreadable = Look {
+        unreadable: Some("no file".into()),
+        ..Look::default()
+    };
+    assert_eq!(missed_after(unreadable).len(), 1, "nobody could look");
 }
