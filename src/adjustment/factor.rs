@@ -153,6 +153,7 @@ fn add_datum(
 }
 
 /// Why a matrix was not factorised.
+#[derive(Debug)]
 enum NotFactorised {
     /// The pivot of this unknown is not sound.
     Loose(usize),

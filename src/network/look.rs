@@ -82,11 +82,15 @@ pub enum AbsenceKind {
 }
 
 impl AbsenceKind {
-    /// Whether the operator's eye may find the target all the same. What is hidden, cut off or seen too flatly is no question.
+    /// Whether the operator's eye may find the target all the same. What is hidden, cut off, seen too flatly or in no picture is no
+    /// question.
     #[must_use]
     pub fn is_doubtful(self) -> bool {
         match self {
-            AbsenceKind::Covered | AbsenceKind::Oblique | AbsenceKind::Border => false,
+            AbsenceKind::Covered
+            | AbsenceKind::Oblique
+            | AbsenceKind::Border
+            | AbsenceKind::Unreadable => false,
             AbsenceKind::Weak
             | AbsenceKind::Merged
             | AbsenceKind::Glare
