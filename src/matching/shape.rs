@@ -21,6 +21,15 @@ pub(super) struct Disc {
     pub(super) diameter_mm: f64,
 }
 
+/// The ellipse of a dot.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct MeasuredAxes {
+    /// The root of its matrix, px.
+    pub(super) root: Matrix2<f64>,
+    /// Standard deviation of the dot's centre, px.
+    pub(super) centre_px: f64,
+}
+
 /// How exact ellipses are.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ShapeNoise {
@@ -28,7 +37,9 @@ pub(super) struct ShapeNoise {
     axis_px: f64,
     /// As a share of the diameter.
     share: f64,
-    /// How much larger both are in truth.
+    /// As a multiple of the standard deviation of the dot's centre.
+    by_centre: f64,
+    /// How much larger all are in truth.
     pub(super) scale: f64,
 }
 
@@ -40,6 +51,7 @@ impl ShapeNoise {
         Self {
             axis_px: settings.axis_sigma_px,
             share: settings.axis_share,
+            by_centre: 0.0,
             scale: Self::UNKNOWN,
         }
     }
@@ -49,18 +61,21 @@ impl ShapeNoise {
         Self {
             axis_px: precision.axis_px,
             share: precision.share,
+            by_centre: precision.by_centre,
             scale: 1.0,
         }
     }
 
-    fn variance(&self, axes: &Matrix2<f64>) -> f64 {
-        let size = axes.trace() / 2.0;
-        self.scale * self.scale * (self.axis_px * self.axis_px + (self.share * size).powi(2))
+    fn variance(&self, dot: &MeasuredAxes) -> f64 {
+        let size = dot.root.trace() / 2.0;
+        let by_centre = (self.by_centre * dot.centre_px).powi(2);
+        let own = self.axis_px * self.axis_px + (self.share * size).powi(2);
+        self.scale * self.scale * (own + by_centre)
     }
 
-    /// Squared standardised difference of two ellipses' roots.
-    pub(super) fn misfit(&self, measured: &Matrix2<f64>, predicted: &Matrix2<f64>) -> f64 {
-        (measured - predicted).norm_squared() / self.variance(measured)
+    /// Squared standardised difference of a measured ellipse's root from a predicted one.
+    pub(super) fn misfit(&self, measured: &MeasuredAxes, predicted: &Matrix2<f64>) -> f64 {
+        (measured.root - predicted).norm_squared() / self.variance(measured)
     }
 }
 
@@ -94,7 +109,7 @@ impl Disc {
             };
             imaged.push(Imaged {
                 by_point: sight.sighting(point)?.by_point,
-                axes,
+                axes: axes.root,
                 weight: 1.0 / noise.variance(&axes),
             });
             towards += (sight.centre - point).normalize();

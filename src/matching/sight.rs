@@ -10,7 +10,7 @@
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Matrix6x2, Rotation2, SMatrix, Vector2, Vector3};
 
 use super::problem::{ObjectSpace, OrientationPrecision, View, ViewDot};
-use super::shape::{largest, root};
+use super::shape::{MeasuredAxes, largest, root};
 use crate::camera::Camera;
 use crate::geometry::skew;
 
@@ -29,7 +29,7 @@ pub(super) struct SightedDot {
     /// Unit direction of its ray in the world.
     pub(super) direction: Vector3<f64>,
     /// `R diag(major, minor) R^T` of its ellipse, px; `None` where the shape is not known.
-    pub(super) axes: Option<Matrix2<f64>>,
+    pub(super) axes: Option<MeasuredAxes>,
 }
 
 /// Columns and rows of the lattice of a camera's part in the uncertainty of predictions.
@@ -482,7 +482,10 @@ fn sighted(view: &View, dot: &ViewDot) -> SightedDot {
         let downward = Matrix2::new(1.0, 0.0, 0.0, -1.0);
         let stretch = downward * correction.by_measured * downward;
         let turned = turn.matrix() * squared * turn.matrix().transpose();
-        root(&(stretch * turned * stretch.transpose()))
+        MeasuredAxes {
+            root: root(&(stretch * turned * stretch.transpose())),
+            centre_px: dot.sigma_px,
+        }
     });
     let focal_px = interior.principal_distance / pitch;
     SightedDot {

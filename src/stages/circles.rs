@@ -149,6 +149,7 @@ pub(super) fn ellipse_precision(network: &Network) -> Option<EllipsePrecision> {
                 };
                 pairs.push(EllipsePair {
                     measured,
+                    centre_px: dot.sigma_px,
                     expected,
                     rays: point.rays as usize,
                 });
