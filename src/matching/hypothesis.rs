@@ -21,6 +21,10 @@ const STRONG_RAYS: usize = 8;
 /// Those few.
 const PARTNERS_OF_STRONG: usize = 4;
 
+/// Partner views asked at most whose picture the ray of a dot crosses, best angle first. A dot that belongs to no target asks all of them in
+/// vain, so that without a limit the cost went with the square of the views.
+const MOST_CROSSED: usize = 64;
+
 /// A place in a view that was searched for a further dot.
 struct Search {
     view: usize,
@@ -161,14 +165,19 @@ impl Bench<'_> {
         let mut pairs = 0;
         let mut found: Vec<Hypothesis> = Vec::new();
         let partners = &self.partners[seed.view];
+        let mut crossed = 0;
         for (asked, &view) in partners.iter().take(most_partners).enumerate() {
             let strong = found
                 .first()
                 .is_some_and(|h| h.members.len() >= STRONG_RAYS);
-            if strong && asked >= PARTNERS_OF_STRONG {
+            if strong && asked >= PARTNERS_OF_STRONG || crossed == MOST_CROSSED {
                 break;
             }
-            for dot in self.epipolar_candidates(seed, view) {
+            let Some(candidates) = self.epipolar_candidates(seed, view) else {
+                continue;
+            };
+            crossed += 1;
+            for dot in candidates {
                 let partner = Member { view, dot };
                 let explained = found.iter().any(|h| {
                     h.members.len() >= EXPLAINED_RAYS && h.members.binary_search(&partner).is_ok()
@@ -202,7 +211,7 @@ impl Bench<'_> {
     ) -> Vec<Pair> {
         let mut pairs = Vec::new();
         for &view in self.partners[seed.view].iter().take(most_partners) {
-            for dot in self.epipolar_candidates(seed, view) {
+            for dot in self.epipolar_candidates(seed, view).into_iter().flatten() {
                 let members = [seed, Member { view, dot }];
                 let met = self.pair_point(members[0], members[1]);
                 let met = met.and_then(|point| intersect(self.sights, &members, &point));
@@ -222,15 +231,13 @@ impl Bench<'_> {
         pairs
     }
 
-    /// Free dots of `view` near the epipolar line of `seed`, within the object's depth.
+    /// Free dots of `view` near the epipolar line of `seed`, within the object's depth; `None` where that lies outside the picture.
     ///
     /// The width of the band is the threshold `Th = sqrt(2) max(sigma_S, 3 sigma_xy D / c)` of two rays, in pixels, with
     /// the ray sigma of both views in the place of sigma_S and its critical value in the place of 3.
-    fn epipolar_candidates(&self, seed: Member, view: usize) -> Vec<usize> {
+    fn epipolar_candidates(&self, seed: Member, view: usize) -> Option<Vec<usize>> {
         let (a, b) = (&self.sights[seed.view], &self.sights[view]);
-        let Some(line) = b.image_of_ray(a, seed.dot) else {
-            return Vec::new();
-        };
+        let line = b.image_of_ray(a, seed.dot)?;
         let middle = (line.ends[0] + line.ends[1]) / 2.0;
         let scale = b.pixels_per_mm(&middle) / a.pixels_per_mm(&middle);
         // Both stations and both measurements, in pixels of the other view.

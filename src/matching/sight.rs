@@ -315,11 +315,14 @@ impl Sight {
         }
     }
 
-    /// Free dots within `band` px of the straight segment from `a` to `b`, ascending.
-    pub(super) fn along(&self, a: &Vector2<f64>, b: &Vector2<f64>, band: f64) -> Vec<usize> {
-        let Some((a, b)) = self.clipped(a, b, band) else {
-            return Vec::new();
-        };
+    /// Free dots within `band` px of the straight segment from `a` to `b`, ascending; `None` where it lies outside the frame.
+    pub(super) fn along(
+        &self,
+        a: &Vector2<f64>,
+        b: &Vector2<f64>,
+        band: f64,
+    ) -> Option<Vec<usize>> {
+        let (a, b) = self.clipped(a, b, band)?;
         let way = b - a;
         let length = way.norm();
         let unit = if length > 1e-9 {
@@ -357,7 +360,7 @@ impl Sight {
             }
         }
         found.sort_unstable();
-        found
+        Some(found)
     }
 
     /// The part of a segment inside the frame widened by `band` (Liang and Barsky, 1984).

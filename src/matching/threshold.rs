@@ -150,7 +150,8 @@ impl<'a> Rays<'a> {
             self.reach_px(view, &place, |error| error.hypot(own))
         });
         let band = band.into_iter().fold(0.0, f64::max);
-        sight.along(&line.places[0], &line.places[1], band.min(WIDEST_BAND_PX))
+        let dots = sight.along(&line.places[0], &line.places[1], band.min(WIDEST_BAND_PX));
+        dots.unwrap_or_default()
     }
 
     /// How far from a place's image a dot may lie whose ray passes the place within the threshold, px.
