@@ -20,13 +20,11 @@ const COARSE: f64 = 2.0;
 
 /// Rounds of robust iteration and coarse rejection.
 const COARSE_ROUNDS: usize = 4;
-
 /// Points with fewer rays absorb a gross error, so that the coarse test would take the wrong ray.
 const COARSE_RAYS: usize = 4;
 
 /// Between rejections an adjustment ends when a step changes the observations by less than this, rms, in sigmas.
 const DRAFT_CONVERGENCE: f64 = 1e-2;
-
 /// Between rejections at most so many iterations.
 const DRAFT_ITERATIONS: usize = 12;
 
@@ -194,6 +192,7 @@ impl<'a> Snooping<'a> {
         enough: impl Fn(&BundleSolver) -> bool,
     ) -> Result<BundleSolver, AdjustmentError> {
         'restart: loop {
+            task.monitor().check()?;
             let mut solver =
                 BundleSolver::resume(self.problem.clone(), settings, self.state.clone())?;
             loop {

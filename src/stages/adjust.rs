@@ -168,7 +168,9 @@ fn settle_circles(network: &mut Network, stage: Stage, monitor: &Monitor) -> Res
             circles::estimated(network, monitor)?,
         );
         let change = circles::largest_change(network, &before, &now);
+        monitor.check()?;
         circles::carry(network, &now);
+        monitor.check()?;
         if round == rounds || (round > 0 && change < SETTLED_PX) {
             break;
         }

@@ -46,7 +46,7 @@ pub(super) type Circles = BTreeMap<PointId, Circle>;
 /// # Errors
 /// [`Interrupted`] when the work was asked to stop.
 pub(super) fn estimated(network: &Network, monitor: &Monitor) -> Result<Circles, Interrupted> {
-    let sights = sights_of_points(network);
+    let sights = sights_of_points(network, monitor)?;
     let planes = planes_of_codes(network);
     let points: Vec<(PointId, Vec<EllipseSight>)> =
         sights.into_iter().filter(|(_, s)| s.len() > 1).collect();
@@ -163,9 +163,13 @@ pub(super) fn ellipse_precision(network: &Network) -> Option<EllipsePrecision> {
 }
 
 /// The ellipses of every point with coordinates, in the order of the images.
-fn sights_of_points(network: &Network) -> BTreeMap<PointId, Vec<EllipseSight>> {
+fn sights_of_points(
+    network: &Network,
+    monitor: &Monitor,
+) -> Result<BTreeMap<PointId, Vec<EllipseSight>>, Interrupted> {
     let mut sights: BTreeMap<PointId, Vec<EllipseSight>> = BTreeMap::new();
     for (_, image, station) in network.oriented_images() {
+        monitor.check()?;
         let Some(detections) = &image.detections else {
             continue;
         };
@@ -185,7 +189,7 @@ fn sights_of_points(network: &Network) -> BTreeMap<PointId, Vec<EllipseSight>> {
             sights.entry(label.point).or_default().extend(sight);
         }
     }
-    sights
+    Ok(sights)
 }
 
 /// The normal of every dot of a six-dot code, where the code's dots lie in a plane.

@@ -22,7 +22,7 @@ pub(super) fn adjust_what_holds(
     settings: BundleSettings,
     monitor: &Monitor,
 ) -> Result<(Bundle, RobustAdjustment), BundleFailure> {
-    what_holds(network, assemble, |bundle, rejection| {
+    what_holds(network, assemble, monitor, |bundle, rejection| {
         adjust_with_rejection(&bundle.problem, settings, rejection, monitor)
     })
 }
@@ -42,7 +42,7 @@ pub(super) fn adjust_all_that_holds(
         bundle.problem.rejected.clear();
         bundle
     };
-    what_holds(network, everything, |bundle, _| {
+    what_holds(network, everything, monitor, |bundle, _| {
         Ok(RobustAdjustment {
             adjustment: adjust(bundle.problem.clone(), settings, monitor)?,
             rejected: Vec::new(),
@@ -62,7 +62,7 @@ pub(super) fn settle_what_holds(
     settings: BundleSettings,
     monitor: &Monitor,
 ) -> Result<(Bundle, Settled), BundleFailure> {
-    what_holds(network, assemble, |bundle, rejection| {
+    what_holds(network, assemble, monitor, |bundle, rejection| {
         settle(&bundle.problem, settings, rejection, monitor)
     })
 }
@@ -70,6 +70,7 @@ pub(super) fn settle_what_holds(
 fn what_holds<T>(
     network: &mut Network,
     assemble: impl Fn(&Network) -> Bundle,
+    monitor: &Monitor,
     adjust: impl Fn(&Bundle, &RejectionSettings) -> Result<T, AdjustmentError>,
 ) -> Result<(Bundle, T), BundleFailure> {
     let rejection = RejectionSettings {
@@ -78,7 +79,8 @@ fn what_holds<T>(
     };
     loop {
         let bundle = assemble(network);
-        match adjust(&bundle, &rejection) {
+        let wanted = monitor.check().map_err(AdjustmentError::from);
+        match wanted.and_then(|()| adjust(&bundle, &rejection)) {
             Err(AdjustmentError::StationUnderdetermined { station, found })
                 if bundle.images.len() > 2 =>
             {
