@@ -43,8 +43,8 @@ const MOST_GROUPS: [usize; 2] = [6, 3];
 const MEDIAN: f64 = 2.366;
 /// Share of the dots that may fit worse than the errors are told, and the value of chi-square with 3 degrees of freedom that so many
 /// exceed.
-const SPOILT: f64 = 0.02;
-const RARELY_EXCEEDED: f64 = 9.837;
+const SPOILT: f64 = 0.005;
+const RARELY_EXCEEDED: f64 = 12.84;
 /// Allowance for the error of the estimate.
 const ALLOWANCE: f64 = 1.15;
 /// Ellipses are never trusted more than this, px.
@@ -240,7 +240,7 @@ mod tests {
     #[test]
     fn all_parts_are_found_among_spoilt_dots() {
         for given in &PRECISIONS {
-            let found = EllipsePrecision::measured(&pairs(given, 0.01)).expect("many");
+            let found = EllipsePrecision::measured(&pairs(given, 0.003)).expect("many");
             for size in [5.0, 10.0, 20.0] {
                 for centre_px in [0.01, 0.05, 0.2] {
                     let told = sigma(&found, size, centre_px);
