@@ -6,9 +6,9 @@
 //! centre's sigma `sigma_c`. All come from the dots themselves, whatever made them: their ratios from medians of like dots, and how large
 //! they are from the dots that fit worst but for a few. The few keep wrong names and spoilt dots out.
 
-use nalgebra::{DMatrix, DVector, Matrix2, Rotation2, Vector2};
+use nalgebra::{DMatrix, DVector, Matrix2};
 
-use super::shape::root;
+use super::shape::{matrix_of, root};
 use crate::camera::EllipseImage;
 
 /// Standard deviation of the elements of an ellipse's root (the matrix whose square has the squared diameters as eigenvalues), px.
@@ -112,7 +112,7 @@ const CENTRE: usize = 2;
 
 impl Off {
     fn of(pair: &EllipsePair) -> Self {
-        let (measured, expected) = (matrix(&pair.measured), matrix(&pair.expected));
+        let (measured, expected) = (root_of(&pair.measured), root_of(&pair.expected));
         // Three numbers of the circle are taken from the 3 n of its ellipses.
         let rays = pair.rays as f64;
         let freed = rays / (rays - 1.0);
@@ -169,11 +169,12 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     values[values.len() / 2]
 }
 
-fn matrix(ellipse: &EllipseImage) -> Matrix2<f64> {
-    let turn = Rotation2::new(ellipse.angle);
-    let diameters = Vector2::new(ellipse.major_px, ellipse.minor_px);
-    let squared = Matrix2::from_diagonal(&diameters.component_mul(&diameters));
-    root(&(turn.matrix() * squared * turn.matrix().transpose()))
+fn root_of(ellipse: &EllipseImage) -> Matrix2<f64> {
+    root(&matrix_of(
+        ellipse.major_px,
+        ellipse.minor_px,
+        ellipse.angle,
+    ))
 }
 
 #[cfg(test)]

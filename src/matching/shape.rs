@@ -7,7 +7,7 @@
 //!
 //! Ellipses are compared by the root of that matrix: its elements are lengths, px, which are measured equally well.
 
-use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Matrix2, Matrix3, Rotation2, SMatrix, SVector, Vector2, Vector3};
 
 use super::ellipses::EllipsePrecision;
 use super::problem::{IdentificationSettings, Member};
@@ -271,6 +271,13 @@ fn linear(imaged: &[Imaged], towards: &Vector3<f64>) -> Option<Disc> {
 /// The elements of a symmetric matrix as a vector of the same norm.
 fn elements(m: &Matrix2<f64>) -> Vector3<f64> {
     Vector3::new(m[(0, 0)], m[(1, 1)], std::f64::consts::SQRT_2 * m[(0, 1)])
+}
+
+/// The matrix of an ellipse: its eigenvalues are the squares of the full diameters, the larger one in the direction `angle` (radians).
+pub(super) fn matrix_of(major_px: f64, minor_px: f64, angle: f64) -> Matrix2<f64> {
+    let turn = Rotation2::new(angle);
+    let squares = Vector2::new(major_px * major_px, minor_px * minor_px);
+    turn.matrix() * Matrix2::from_diagonal(&squares) * turn.matrix().transpose()
 }
 
 /// The root of a symmetric matrix without negative eigenvalues.

@@ -7,10 +7,10 @@
 //! to that place: with the derivatives `J` of the prediction by the pose and `D` of the ideal place by the camera, both at one place,
 //! `O = [J, -D] C [J, -D]^T`. `D` changes slowly over the picture and is kept on a lattice.
 
-use nalgebra::{Matrix2, Matrix2x3, Matrix3, Matrix6x2, Rotation2, SMatrix, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x3, Matrix3, Matrix6x2, SMatrix, Vector2, Vector3};
 
 use super::problem::{ObjectSpace, OrientationPrecision, View, ViewDot};
-use super::shape::{MeasuredAxes, largest, root};
+use super::shape::{MeasuredAxes, largest, matrix_of, root};
 use crate::camera::Camera;
 use crate::geometry::skew;
 
@@ -477,14 +477,9 @@ fn sighted(view: &View, dot: &ViewDot) -> SightedDot {
     let known = dot.major_px > 0.0 && dot.minor_px > 0.0 && dot.angle.is_finite();
     let correction = interior.correction(&measured).filter(|_| known);
     let axes = correction.map(|correction| {
-        let turn = Rotation2::new(dot.angle);
-        let squared = Matrix2::from_diagonal(&Vector2::new(
-            dot.major_px * dot.major_px,
-            dot.minor_px * dot.minor_px,
-        ));
         let downward = Matrix2::new(1.0, 0.0, 0.0, -1.0);
         let stretch = downward * correction.by_measured * downward;
-        let turned = turn.matrix() * squared * turn.matrix().transpose();
+        let turned = matrix_of(dot.major_px, dot.minor_px, dot.angle);
         MeasuredAxes {
             root: root(&(stretch * turned * stretch.transpose())),
             centre_px: dot.sigma_px,
