@@ -1,7 +1,6 @@
 //! A symmetric matrix of which the lower triangle of blocks is kept, where it has any.
 
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 use super::structure::Structure;
 
@@ -49,31 +48,6 @@ impl BlockMatrix {
             diagonal.extend((0..width).map(|k| values[k * width + k]));
         }
         DVector::from_vec(diagonal)
-    }
-
-    /// `D S D` with the diagonal of `D`.
-    ///
-    /// Cost: the entries.
-    pub(super) fn scaled(&self, structure: &Structure, scale: &DVector<f64>) -> Self {
-        let scale = scale.as_slice();
-        let columns = self.columns.par_iter().enumerate();
-        let columns = columns.map(|(block, values)| {
-            let mut scaled = Vec::with_capacity(values.len());
-            for (entry, &row) in structure.columns[block].rows.iter().enumerate() {
-                let rows = &scale[structure.range(row as usize)];
-                let entries = self
-                    .block(structure, block, entry)
-                    .chunks(rows.len().max(1));
-                for (entries, by_column) in entries.zip(&scale[structure.range(block)]) {
-                    let entries = entries.iter().zip(rows);
-                    scaled.extend(entries.map(|(value, by_row)| value * (by_row * by_column)));
-                }
-            }
-            scaled
-        });
-        Self {
-            columns: columns.collect(),
-        }
     }
 
     /// The lower triangle of the whole.

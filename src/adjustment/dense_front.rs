@@ -21,6 +21,12 @@ const TILE: usize = 128;
 /// One thread for each tile.
 const PAR: Par = Par::Seq;
 
+/// A matrix of zeros in memory that is empty as the system gives it: what is never written to, as most of what lies above a
+/// diagonal, is never there.
+pub(super) fn zeros(rows: usize, columns: usize) -> DMatrix<f64> {
+    DMatrix::from_vec(rows, columns, vec![0.0; rows * columns])
+}
+
 /// Why a front was not factorised.
 #[derive(Debug)]
 pub(super) enum NotEliminated {
@@ -42,40 +48,58 @@ impl From<Interrupted> for NotEliminated {
     }
 }
 
-/// Replaces the first `width` columns of a lower triangle by those of its Cholesky factor, and the rest of it by what is left; what
-/// lies above the diagonal is not looked at.
+/// Replaces the first columns of a lower triangle by those of its Cholesky factor, and `left`, the lower triangle below and right of
+/// them, by what is left of it; what lies above the diagonal is not looked at.
 ///
 /// Cost: a third of the cube of the unknowns less that of what is left.
 pub(super) fn eliminate(
-    values: &mut DMatrix<f64>,
-    width: usize,
+    columns: &mut DMatrix<f64>,
+    left: &mut DMatrix<f64>,
     monitor: &Monitor,
 ) -> Result<(), NotEliminated> {
-    let size = values.nrows();
+    let (size, width) = columns.shape();
     for start in (0..width).step_by(PANEL) {
         monitor.check()?;
         let end = width.min(start + PANEL);
-        let (done, rest) = values.as_mut_slice().split_at_mut(end * size);
+        let (done, rest) = columns.as_mut_slice().split_at_mut(end * size);
         let panel = &mut done[start * size..];
         let panel = MatMut::from_column_major_slice_mut(panel, size, end - start);
         let (_, mut panel) = panel.split_at_row_mut(start);
         factorise_panel(panel.rb_mut())?;
         let (_, below) = panel.rb().split_at_row(end - start);
-        let tiles = rest.par_chunks_mut(TILE * size).enumerate();
-        tiles.for_each(|(tile, columns)| {
-            // What is left out then is given up with the whole.
-            if monitor.is_interrupted() {
-                return;
-            }
-            let width = columns.len() / size;
-            let columns = MatMut::from_column_major_slice_mut(columns, size, width);
-            let (_, lower) = columns.split_at_row_mut(end + tile * TILE);
-            let (_, rows) = below.split_at_row(tile * TILE);
-            let own = rows.subrows(0, width);
-            matmul(lower, Accum::Add, rows, own.transpose(), -1.0, PAR);
-        });
+        let (_, below_left) = below.split_at_row(width - end);
+        rayon::join(
+            || take_from(rest, size, end, below, monitor),
+            || take_from(left.as_mut_slice(), size - width, 0, below_left, monitor),
+        );
     }
     Ok(())
+}
+
+/// Takes the product of a panel with itself from the lower triangle of columns of `height` rows, whose diagonal begins at row `first`.
+fn take_from(
+    columns: &mut [f64],
+    height: usize,
+    first: usize,
+    panel: MatRef<'_, f64>,
+    monitor: &Monitor,
+) {
+    if columns.is_empty() {
+        return;
+    }
+    let tiles = columns.par_chunks_mut(TILE * height).enumerate();
+    tiles.for_each(|(tile, columns)| {
+        // What is left out then is given up with the whole.
+        if monitor.is_interrupted() {
+            return;
+        }
+        let width = columns.len() / height;
+        let columns = MatMut::from_column_major_slice_mut(columns, height, width);
+        let (_, lower) = columns.split_at_row_mut(first + tile * TILE);
+        let (_, rows) = panel.split_at_row(tile * TILE);
+        let own = rows.subrows(0, width);
+        matmul(lower, Accum::Add, rows, own.transpose(), -1.0, PAR);
+    });
 }
 
 /// The Cholesky factor of the columns of a lower triangle.
@@ -232,6 +256,15 @@ mod tests {
         &any * any.transpose() + DMatrix::identity(size, size) * size as f64
     }
 
+    /// The factor's columns, and what is left.
+    fn eliminated(whole: &DMatrix<f64>, width: usize) -> (DMatrix<f64>, DMatrix<f64>) {
+        let rest = whole.nrows() - width;
+        let mut columns = whole.columns(0, width).into_owned();
+        let mut left = whole.view((width, width), (rest, rest)).into_owned();
+        eliminate(&mut columns, &mut left, &Monitor::new()).expect("a positive matrix");
+        (columns, left)
+    }
+
     /// One tile, some panels, and widths that end within either.
     const SHAPES: [(usize, usize); 6] = [
         (1, 1),
@@ -246,12 +279,11 @@ mod tests {
     fn factor_and_rest_are_those_of_the_whole() {
         for (size, width) in SHAPES {
             let whole = positive(size, size as u64);
-            let mut values = whole.clone();
-            eliminate(&mut values, width, &Monitor::new()).expect("a positive matrix");
-            let factor = values.columns(0, width).lower_triangle();
+            let (columns, below) = eliminated(&whole, width);
+            let factor = columns.lower_triangle();
             let left = size - width;
             let mut rest = DMatrix::zeros(size, size);
-            let below = values.view((width, width), (left, left)).lower_triangle();
+            let below = below.lower_triangle();
             rest.view_mut((width, width), (left, left))
                 .copy_from(&below);
             let off = (&factor * factor.transpose() + rest - whole).lower_triangle();
@@ -267,8 +299,7 @@ mod tests {
     fn the_inverse_is_that_of_the_whole() {
         for (size, width) in SHAPES {
             let whole = positive(size, 7 + size as u64);
-            let mut values = whole.clone();
-            eliminate(&mut values, width, &Monitor::new()).expect("a positive matrix");
+            let (columns, _) = eliminated(&whole, width);
             let wanted = whole.try_inverse().expect("a regular matrix");
             let mut inverse = DMatrix::zeros(size, size);
             let left = size - width;
@@ -276,12 +307,7 @@ mod tests {
             inverse
                 .view_mut((width, width), (left, left))
                 .copy_from(&known);
-            complete_inverse(
-                &values.columns(0, width).into_owned(),
-                &mut inverse,
-                &Monitor::new(),
-            )
-            .expect("nobody interrupts");
+            complete_inverse(&columns, &mut inverse, &Monitor::new()).expect("nobody interrupts");
             let off = (inverse - wanted).amax();
             assert!(off < 1e-13, "{size} {width}: {off}");
         }
@@ -293,16 +319,11 @@ mod tests {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
             let pool = pool.build().expect("a pool of threads");
             pool.install(|| {
-                let mut values = positive(900, 3);
-                eliminate(&mut values, 700, &Monitor::new()).expect("a positive matrix");
+                let (columns, left) = eliminated(&positive(900, 3), 700);
                 let mut inverse = DMatrix::identity(900, 900);
-                complete_inverse(
-                    &values.columns(0, 700).into_owned(),
-                    &mut inverse,
-                    &Monitor::new(),
-                )
-                .expect("nobody interrupts");
-                inverse
+                complete_inverse(&columns, &mut inverse, &Monitor::new())
+                    .expect("nobody interrupts");
+                (left, inverse)
             })
         };
         let one = with(1);
@@ -313,7 +334,8 @@ mod tests {
     fn what_is_not_positive_is_refused() {
         let mut values = positive(300, 5);
         values[(280, 280)] = -1.0;
-        assert!(eliminate(&mut values, 300, &Monitor::new()).is_err());
+        let nothing = &mut DMatrix::zeros(0, 0);
+        assert!(eliminate(&mut values, nothing, &Monitor::new()).is_err());
     }
 
     #[test]
@@ -321,7 +343,7 @@ mod tests {
         let monitor = Monitor::new();
         monitor.interrupt();
         let mut values = positive(600, 3);
-        let stopped = eliminate(&mut values, 600, &monitor);
+        let stopped = eliminate(&mut values, &mut DMatrix::zeros(0, 0), &monitor);
         assert!(matches!(stopped, Err(NotEliminated::Interrupted(_))));
         let mut inverse = DMatrix::zeros(600, 600);
         let stopped = complete_inverse(&values, &mut inverse, &monitor);

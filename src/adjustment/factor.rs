@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::AdjustmentError;
 use super::block_matrix::BlockMatrix;
 use super::datum::FreeMotions;
-use super::dense_front::{NotEliminated, eliminate};
+use super::dense_front::{NotEliminated, eliminate, zeros};
 use super::equations::State;
 use super::layout::Layout;
 use super::normals::{Normals, PIVOT_FLOOR};
@@ -55,13 +55,11 @@ impl Factor {
             return Err(rank_defect(normals, layout, state, free, loose));
         }
         let scale = diagonal.map(|d| 1.0 / d.sqrt());
-        let mut matrix = normals.reduced.scaled(structure, &scale);
-        add_datum(
-            &mut matrix,
-            structure,
-            &scale,
-            &free.kept_rows(layout, state),
-        );
+        let matrix = Regular {
+            reduced: &normals.reduced,
+            scale: &scale,
+            datum: DatumRows::of(structure, &scale, &free.kept_rows(layout, state)),
+        };
         let fronts = factorise(structure, &matrix, sound, monitor).map_err(|why| match why {
             NotFactorised::Loose(unknown) => rank_defect(normals, layout, state, free, unknown),
             NotFactorised::Interrupted(interrupted) => interrupted.into(),
@@ -124,30 +122,89 @@ impl Factor {
     }
 }
 
-/// Adds `B B^T`, with `B` the orthonormalised rows of `D^-1 null_vectors` of the datum's stations, as long as those of all would be.
-fn add_datum(
-    matrix: &mut BlockMatrix,
-    structure: &Structure,
-    scale: &DVector<f64>,
-    null_vectors: &DMatrix<f64>,
-) {
-    let motions = null_vectors.ncols();
-    if motions == 0 {
-        return;
+/// The matrix that is factorised, `D S D + B B^T` with the diagonal of `D`, as its entries are asked for.
+struct Regular<'a> {
+    reduced: &'a BlockMatrix,
+    scale: &'a DVector<f64>,
+    datum: Option<DatumRows>,
+}
+
+/// `B`: the orthonormalised rows of `D^-1 null_vectors` of the datum's stations, as long as those of all would be.
+struct DatumRows {
+    /// The unknowns of its rows, rising.
+    unknowns: Vec<usize>,
+    basis: DMatrix<f64>,
+    longer: f64,
+}
+
+impl DatumRows {
+    /// `None` where nothing is free.
+    fn of(
+        structure: &Structure,
+        scale: &DVector<f64>,
+        null_vectors: &DMatrix<f64>,
+    ) -> Option<Self> {
+        let motions = null_vectors.ncols();
+        if motions == 0 {
+            return None;
+        }
+        let datum = structure.datum.iter();
+        let unknowns: Vec<usize> = datum.flat_map(|&block| structure.range(block)).collect();
+        let scaled = DMatrix::from_fn(unknowns.len(), motions, |i, k| {
+            null_vectors[(unknowns[i], k)] / scale[unknowns[i]]
+        });
+        Some(Self {
+            longer: scale.len() as f64 / unknowns.len() as f64,
+            basis: scaled.qr().q(),
+            unknowns,
+        })
     }
-    let datum = structure.datum.iter();
-    let rows: Vec<usize> = datum.flat_map(|&block| structure.range(block)).collect();
-    let scaled = DMatrix::from_fn(rows.len(), motions, |i, k| {
-        null_vectors[(rows[i], k)] / scale[rows[i]]
-    });
-    let basis = scaled.qr().q();
-    let longer = scale.len() as f64 / rows.len() as f64;
-    for (b, &j) in rows.iter().enumerate() {
-        for (a, &i) in rows.iter().enumerate().skip(b) {
-            let value: f64 = (0..basis.ncols())
-                .map(|k| basis[(a, k)] * basis[(b, k)])
-                .sum();
-            matrix.add(structure, i, j, longer * value);
+
+    /// What it adds to an entry.
+    fn entry(&self, row: usize, column: usize) -> Option<f64> {
+        let [a, b] = [row, column].map(|unknown| self.unknowns.binary_search(&unknown).ok());
+        let (a, b) = (a?, b?);
+        let products = (0..self.basis.ncols()).map(|k| self.basis[(a, k)] * self.basis[(b, k)]);
+        Some(self.longer * products.sum::<f64>())
+    }
+}
+
+impl Regular<'_> {
+    /// Adds the entries of the lower triangle that belong to a front, those of its own blocks, to its columns.
+    fn assemble(&self, structure: &Structure, front: &Front, columns: &mut DMatrix<f64>) {
+        let place = |block: usize| {
+            let position = structure.position[block];
+            let (own, below) = front.blocks.split_at(front.own);
+            let among =
+                |part: &[usize]| part.binary_search_by_key(&position, |&b| structure.position[b]);
+            let at = among(own)
+                .ok()
+                .or_else(|| Some(among(below).ok()? + own.len()))?;
+            Some(front.starts[at])
+        };
+        let is_datum = |block: usize| structure.datum.binary_search(&block).is_ok();
+        for &(column, entry) in &front.entries {
+            let row = structure.columns[column].rows[entry] as usize;
+            let (Some(at_row), Some(at_column)) = (place(row), place(column)) else {
+                continue;
+            };
+            let datum = self.datum.as_ref();
+            let datum = datum.filter(|_| is_datum(row) && is_datum(column));
+            let rows = structure.range(row);
+            let values = self.reduced.block(structure, column, entry);
+            let values = values.chunks(rows.len().max(1));
+            for ((q, j), values) in (at_column..).zip(structure.range(column)).zip(values) {
+                for ((p, i), value) in (at_row..).zip(rows.clone()).zip(values) {
+                    // A block on the diagonal has its upper triangle unset.
+                    if i >= j {
+                        let mut value = value * (self.scale[i] * self.scale[j]);
+                        if let Some(more) = datum.and_then(|datum| datum.entry(i, j)) {
+                            value += more;
+                        }
+                        columns[(p.max(q), p.min(q))] = value;
+                    }
+                }
+            }
         }
     }
 }
@@ -172,7 +229,7 @@ struct Eliminated {
 /// Fronts of one level have nothing to do with each other; each is summed in one order on any number of threads.
 fn factorise(
     structure: &Structure,
-    matrix: &BlockMatrix,
+    matrix: &Regular<'_>,
     sound: impl Fn(usize, f64) -> bool + Sync,
     monitor: &Monitor,
 ) -> Result<Vec<FrontFactor>, NotFactorised> {
@@ -204,7 +261,7 @@ fn factorise(
 
 fn eliminated(
     structure: &Structure,
-    matrix: &BlockMatrix,
+    matrix: &Regular<'_>,
     done: &[Option<Eliminated>],
     index: usize,
     sound: impl Fn(usize, f64) -> bool,
@@ -212,70 +269,49 @@ fn eliminated(
 ) -> Result<Eliminated, NotFactorised> {
     let front = &structure.fronts[index];
     let (size, width) = (front.size(), front.width());
-    let mut values = DMatrix::<f64>::zeros(size, size);
-    assemble(&mut values, structure, matrix, index);
+    let mut columns = zeros(size, width);
+    let mut left = zeros(size - width, size - width);
+    matrix.assemble(structure, front, &mut columns);
     for &child in &front.children {
-        let Some(more) = done[child].as_ref().and_then(|child| child.left.as_ref()) else {
-            continue;
-        };
-        let rows = &structure.fronts[child].in_parent;
-        for (j, &to_j) in rows.iter().enumerate() {
-            let (from, to) = (more.column(j), &mut values.column_mut(to_j));
-            // Rows rise with the position, as in the parent.
-            for (i, &to_i) in rows.iter().enumerate().skip(j) {
-                to[to_i] += from[i];
-            }
+        if let Some(more) = done[child].as_ref().and_then(|child| child.left.as_ref()) {
+            let rows = &structure.fronts[child].in_parent;
+            let own = rows.partition_point(|&row| row < width);
+            add_rows(&mut columns, 0, more, 0, &rows[..own], rows);
+            add_rows(&mut left, width, more, own, &rows[own..], rows);
         }
     }
     let unknowns: Vec<usize> = front.blocks[..front.own]
         .iter()
         .flat_map(|&block| structure.range(block))
         .collect();
-    eliminate(&mut values, width, monitor).map_err(|why| match why {
+    eliminate(&mut columns, &mut left, monitor).map_err(|why| match why {
         NotEliminated::NotPositive => NotFactorised::Loose(unknowns[0]),
         NotEliminated::Interrupted(interrupted) => NotFactorised::Interrupted(interrupted),
     })?;
-    if let Some(j) = (0..width).find(|&j| !sound(unknowns[j], values[(j, j)].powi(2))) {
+    if let Some(j) = (0..width).find(|&j| !sound(unknowns[j], columns[(j, j)].powi(2))) {
         return Err(NotFactorised::Loose(unknowns[j]));
     }
-    let rest = size - width;
-    let left = (rest > 0).then(|| values.view((width, width), (rest, rest)).into_owned());
-    values.resize_horizontally_mut(width, 0.0);
     Ok(Eliminated {
-        factor: FrontFactor { columns: values },
-        left,
+        factor: FrontFactor { columns },
+        left: (size > width).then_some(left),
     })
 }
 
-/// Adds the entries of the matrix that belong to a front: those of its own blocks, lower triangle by position.
-fn assemble(values: &mut DMatrix<f64>, structure: &Structure, matrix: &BlockMatrix, index: usize) {
-    let front = &structure.fronts[index];
-    let place = |block: usize| {
-        let position = structure.position[block];
-        let (own, below) = front.blocks.split_at(front.own);
-        let among =
-            |part: &[usize]| part.binary_search_by_key(&position, |&b| structure.position[b]);
-        let at = among(own)
-            .ok()
-            .or_else(|| Some(among(below).ok()? + own.len()))?;
-        Some(front.starts[at])
-    };
-    for &(column, entry) in &front.entries {
-        let block = &structure.columns[column];
-        let row = block.rows[entry] as usize;
-        let (Some(at_row), Some(at_column)) = (place(row), place(column)) else {
-            continue;
-        };
-        let height = structure.range(row).len();
-        let values_of_block = matrix.block(structure, column, entry).chunks(height);
-        for (j, from) in values_of_block.enumerate() {
-            for (i, value) in from.iter().enumerate() {
-                let (p, q) = (at_row + i, at_column + j);
-                // A block on the diagonal has its upper triangle unset.
-                if row != column || i >= j {
-                    values[(p.max(q), p.min(q))] = *value;
-                }
-            }
+/// Adds the columns from `first_from` on of what is left of a child to those `targets` of a front; `to` holds the rows and columns
+/// from `first_to` on, and all rows of the child, which rise, are `rows` of the front.
+fn add_rows(
+    to: &mut DMatrix<f64>,
+    first_to: usize,
+    from: &DMatrix<f64>,
+    first_from: usize,
+    targets: &[usize],
+    rows: &[usize],
+) {
+    for (j, target) in (first_from..).zip(targets) {
+        let (from, to) = (from.column(j), &mut to.column_mut(target - first_to));
+        let (from, to) = (from.as_slice(), to.as_mut_slice());
+        for (value, row) in from[j..].iter().zip(&rows[j..]) {
+            to[row - first_to] += value;
         }
     }
 }
@@ -445,6 +481,18 @@ mod tests {
         (structure, matrix)
     }
 
+    fn factorised(
+        structure: &Structure,
+        matrix: &BlockMatrix,
+    ) -> Result<Vec<FrontFactor>, NotFactorised> {
+        let matrix = Regular {
+            reduced: matrix,
+            scale: &DVector::repeat(structure.starts[structure.blocks()], 1.0),
+            datum: None,
+        };
+        factorise(structure, &matrix, |_, pivot| pivot > 0.0, &Monitor::new())
+    }
+
     #[test]
     fn factor_and_inverse_are_those_of_the_whole_matrix() {
         for seed in 0..40 {
@@ -453,8 +501,7 @@ mod tests {
             dense.fill_upper_triangle_with_lower_triangle();
             let n = dense.nrows();
             let scale = DVector::from_fn(n, |i, _| 1.0 + 0.01 * i as f64);
-            let fronts =
-                factorise(&structure, &matrix, |_, pivot| pivot > 0.0, &Monitor::new()).unwrap();
+            let fronts = factorised(&structure, &matrix).unwrap();
             let factor = Factor {
                 scale: scale.clone(),
                 fronts,
@@ -523,7 +570,6 @@ mod tests {
     fn what_is_not_positive_is_named() {
         let (structure, mut matrix) = random(3);
         matrix.add(&structure, 1, 1, -400.0);
-        let failed = factorise(&structure, &matrix, |_, pivot| pivot > 0.0, &Monitor::new()).err();
-        assert!(failed.is_some());
+        assert!(factorised(&structure, &matrix).is_err());
     }
 }

@@ -3,6 +3,8 @@
 
 use std::ops::Range;
 
+use rayon::prelude::*;
+
 use super::error::{ParameterName, ProblemPart, StationComponent};
 use super::structure::{Structure, spread_stations};
 use super::{AdjustmentError, BundleProblem, CoordinatePrior, ParameterState, PointBlock, Sharing};
@@ -323,6 +325,7 @@ impl Layout {
             rays_of_points[o.point].push(i);
         }
         (0..problem.points.len())
+            .into_par_iter()
             .filter(|&p| self.takes_part(p))
             .map(|p| self.point_frame(problem, p, &rays_of_points[p], starts))
             .collect()

@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector};
 use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
 
-use super::dense_front::complete_inverse;
+use super::dense_front::{complete_inverse, zeros};
 use super::factor::FrontFactor;
 use super::structure::{Front, Structure};
 use crate::monitor::{Interrupted, Monitor};
@@ -287,7 +287,7 @@ fn whole_front(
 ) -> Result<DMatrix<f64>, Interrupted> {
     let front = &structure.fronts[index];
     let (size, width) = (front.size(), front.width());
-    let mut inverse = DMatrix::<f64>::zeros(size, size);
+    let mut inverse = zeros(size, size);
     if let Some(above) = front.parent.and_then(|parent| whole[parent].as_ref()) {
         for (j, &from_j) in front.in_parent.iter().enumerate() {
             let (from, to) = (above.column(from_j), &mut inverse.column_mut(width + j));

@@ -11,9 +11,10 @@ use super::BundleProblem;
 /// Stations that carry the datum of the factorisation.
 const DATUM_STATIONS: usize = 8;
 
-/// A front may grow by so many rows, and by this share, where taking two together makes it wider.
-const EXTRA_ROWS: usize = 30;
-const EXTRA_SHARE: f64 = 1.2;
+/// A front may always grow by so many rows where taking two together makes it wider.
+const EXTRA_ROWS: f64 = 30.0;
+/// What it costs to bring an entry of a front into memory, or to another front, in multiplications.
+const COST_OF_ENTRY: f64 = 16.0;
 
 /// The blocks of unknowns, where they meet, and the fronts.
 #[derive(Clone, Debug, Default)]
@@ -297,8 +298,12 @@ fn fronts(
         let (Some(child), Some(above)) = (&groups[at], &groups[parent]) else {
             continue;
         };
-        let (left, whole) = (size(&child.below), size(&above.own) + size(&above.below));
-        if whole <= left + EXTRA_ROWS || whole as f64 <= EXTRA_SHARE * left as f64 {
+        let [own, left] = [&child.own, &child.below].map(|blocks| size(blocks) as f64);
+        let whole = (size(&above.own) + size(&above.below)) as f64;
+        // Together the child's own are eliminated over all rows of its parent, but nothing is left that must be handed on.
+        let more = own * ((own + whole).powi(2) - (own + left).powi(2));
+        let less = COST_OF_ENTRY * ((own + left).powi(2) + 2.0 * left.powi(2));
+        if whole <= left + EXTRA_ROWS || more <= less {
             let mut own = child.own.clone();
             own.extend(&above.own);
             if let Some(above) = &mut groups[parent] {

@@ -28,8 +28,10 @@ use crate::targets::{
     Detections, Dot, DotIndex, Expected, ExpectedSettings, ExpectedView, NotThere, measure_expected,
 };
 
-/// Images of one step; the same whatever the cores.
+/// Images of one step, and the steps of a large network at most; the same whatever the cores. Each step goes through all rays
+/// for what there is to look for.
 const BATCH: usize = 16;
+const BATCHES: usize = 16;
 /// A target at a greater angle of incidence, as a cosine (80 degrees), is not looked for.
 const LEAST_COSINE: f64 = 0.17;
 /// A target whose normal nobody knows is looked for within this angle (60 degrees, as a cosine) of an image that shows it.
@@ -48,15 +50,14 @@ pub(super) fn next(network: &Network) -> Option<Step> {
         .filter(|(_, image, _)| image.detections.is_some())
         .filter(|(_, image, _)| image.look.as_ref().is_none_or(|look| is_old(network, look)))
         .map(|(id, ..)| id)
-        .take(BATCH)
+        .take(BATCH.max(network.images.len() / BATCHES))
         .collect();
     (!batch.is_empty()).then_some(Step::LookAgain(batch))
 }
 
 /// Whether the inputs changed since a look, and with them what there is to look for.
 fn is_old(network: &Network, look: &Look) -> bool {
-    let sought = Sought::of(network);
-    look.basis != network.inputs && look.sought != sought
+    look.basis != network.inputs && look.sought != Sought::of(network)
 }
 
 /// Dots of all images that were measured where a target must be.
