@@ -177,7 +177,7 @@ fn decide(patch: &Patch, dot: &MeasuredDot, fits: &[Fitted]) -> RingOutcome {
         segments,
         id,
         misfit: misfit(best),
-        doubt: doubt(dot.dot.major_px, best, rival, &found, &evidence),
+        doubt: doubt(patch, dot.dot.major_px, best, rival, &found, &evidence),
         evidence,
         frame: best.scene.frame.back_from(patch.corner, patch.step),
     })
@@ -196,6 +196,7 @@ fn misfit(fit: &Fitted) -> f64 {
 
 /// `across_px` is the longer axis of the dot.
 fn doubt(
+    patch: &Patch,
     across_px: f64,
     best: &Fitted,
     rival: Option<&Fitted>,
@@ -205,6 +206,9 @@ fn doubt(
     /// The ring is half as wide as its dot, and two or three of its segments are no longer than wide: where that is less than a few
     /// blurs, they look like dots and dots like them.
     const LEAST_DOT_PX: f64 = 5.0;
+    /// Perspective, print, blur and light of the dot together: 0.6 at most for a thousand codes in photographs, less than 0.9 for all
+    /// but one of ten thousand in computed pictures; 1.2 and more for plain targets that otherwise look like a code.
+    const LARGEST_STRAIN: f64 = 0.9;
     /// A segment must be this clearly light or dark: the difference between the two is 1.
     const LEAST_MARGIN: f64 = 0.36;
     /// Largest difference from the picture of its number that nothing speaks against, as a share of the contrast.
@@ -232,6 +236,11 @@ fn doubt(
             found.departing_segments,
             best.segments()
         ));
+    }
+    if best.scene.strain_together(patch) > LARGEST_STRAIN {
+        return Some(
+            "its dot and its ring agree only just: plain targets beside one another?".into(),
+        );
     }
     if best.ground_slope() > LARGEST_GROUND_SLOPE {
         return Some("the ground grows lighter across the ring".into());

@@ -168,6 +168,8 @@ impl Light {
 
 pub(super) struct Scene {
     pub(super) size: [usize; 2],
+    /// Of the family that is read.
+    pub(super) segments: u8,
     pub(super) rings: Vec<Ring>,
     /// Light discs: middle and radius, px.
     pub(super) discs: Vec<(Vector2<f64>, f64)>,
@@ -193,6 +195,7 @@ impl Scene {
         );
         Self {
             size: [side; 2],
+            segments,
             rings: vec![Ring::any(segments, view, random)],
             discs: Vec::new(),
             covers: Vec::new(),
@@ -241,7 +244,7 @@ impl Scene {
         let exposure = Exposure::default();
         let still = still(self.size, |px| self.shade(px), &exposure);
         let image = developed(self.size, &still, &exposure, random);
-        let families = [Family::Ring(self.rings[0].segments)];
+        let families = [Family::Ring(self.segments)];
         let found = detect(&image, &families, &DetectSettings::default());
         let mut tally = Tally {
             shown: self.rings.len(),

@@ -86,6 +86,40 @@ fn cluttered(segments: u8, random: &mut ChaCha8Rng) -> Tally {
     scene.trial(random)
 }
 
+/// Plain targets alone: thrown, or standing round one of them as the segments of a code would, each there or not.
+fn plain(segments: u8, random: &mut ChaCha8Rng) -> Tally {
+    let (mut scene, radius) = of_any(segments, random);
+    let view = scene.rings.remove(0).view;
+    let middle = view.px(Vector2::zeros());
+    let reach = 0.5 * scene.size[0] as f64;
+    if random.random_range(0..2) == 0 {
+        scene.discs.push((middle, radius));
+        let places = random.random_range(6..=24);
+        let begin = random.random_range(0.0..TAU);
+        let away = random.random_range(2.1..2.9);
+        let size = random.random_range(0.3..0.8) * radius;
+        for place in 0..places {
+            if random.random_range(0..3) > 0 {
+                let direction = begin + TAU * f64::from(place) / f64::from(places);
+                let seen = view.px(Vector2::new(direction.cos(), direction.sin()) * away);
+                scene.discs.push((seen, size));
+            }
+        }
+    } else {
+        for _ in 0..random.random_range(3..30) {
+            let place = Vector2::from_fn(|_, _| random.random_range(-reach..reach));
+            let size = random.random_range(0.5..1.3) * radius;
+            let apart = |(other, other_size): &(Vector2<f64>, f64)| {
+                (other - middle - place).norm() > 1.1 * (size + other_size)
+            };
+            if scene.discs.iter().all(apart) {
+                scene.discs.push((middle + place, size));
+            }
+        }
+    }
+    scene.trial(random)
+}
+
 /// Two codes whose rings nearly touch.
 fn side_by_side(segments: u8, random: &mut ChaCha8Rng) -> Tally {
     let incidence = random.random_range(0.0..60.0);
@@ -141,6 +175,7 @@ pub(crate) fn kinds(segments: u8) -> Vec<Kind> {
     kinds.push(Kind::new(family, "clutter", move |r| {
         cluttered(segments, r)
     }));
+    kinds.push(Kind::new(family, "plain", move |r| plain(segments, r)));
     kinds.push(Kind::new(family, "side by side", move |r| {
         side_by_side(segments, r)
     }));

@@ -237,16 +237,28 @@ pub(super) fn step(patch: &Patch, sketch: &Sketch, shares: &[f32], scene: &Scene
 impl Scene {
     /// How far perspective, print and blur had to be stretched to make the picture a code's, as a multiple of what happens.
     pub(super) fn strain(&self, patch: &Patch) -> f64 {
+        self.strains(patch).into_iter().fold(0.0, f64::max)
+    }
+
+    /// The same of all of them and the light of the dot together: each may well be at its end, but not all at once.
+    pub(super) fn strain_together(&self, patch: &Patch) -> f64 {
+        /// Light of the dot against the ring's, its logarithm.
+        const DOT_LIGHT: f64 = 0.3;
+        let light = self.dot_light.ln() / DOT_LIGHT;
+        let strains = self.strains(patch).into_iter().chain([light]);
+        strains.map(|strain| strain * strain).sum::<f64>().sqrt()
+    }
+
+    fn strains(&self, patch: &Patch) -> [f64; 3] {
         /// A code of 120 radii away at 70 degrees has 0.008, a lens adds as much.
         const TILT: f64 = 0.03;
         const DOT_RADIUS: f64 = 0.06;
         const BLUR: f64 = 0.3;
-        let strains = [
+        [
             self.frame.tilt.norm() / TILT,
             (self.dot_radius - 1.0).abs() / DOT_RADIUS,
             (self.blur / patch.blur).ln().abs() / BLUR,
-        ];
-        strains.into_iter().fold(0.0, f64::max)
+        ]
     }
 
     fn is_plausible(&self, patch: &Patch) -> bool {
