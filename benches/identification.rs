@@ -5,7 +5,7 @@
 //! - `... -- pictures N [FROM]`: in rendered pictures, second looks included;
 //! - `... -- plot FILE.svg`: what is missed against spacing and noise;
 //! - `... -- growth [N ...]`: cost as the number of images grows (without any 10 to 1000), 5 targets an image;
-//! - `... -- interrupt [IMAGES]`: how long a pass goes on after it was asked to stop.
+//! - `... -- interrupt [IMAGES [MOMENTS]]`: how long a pass goes on after it was asked to stop.
 
 #![allow(clippy::print_stdout, reason = "a program whose result is its table")]
 
@@ -45,7 +45,8 @@ fn main() {
         };
         growth(&sizes);
     } else if has("interrupt") {
-        interrupts(numbers.first().map_or(60, |n| *n as usize));
+        let [images, moments] = [0, 1].map(|at| numbers.get(at).copied().unwrap_or(60) as u32);
+        interrupts(images as usize, moments);
     } else if let Some(file) = words.iter().find(|word| word.ends_with(".svg")) {
         let drawn = recall();
         std::fs::write(file, drawn).expect("a file that can be written");
@@ -244,8 +245,7 @@ fn peak_memory_gb() -> f64 {
 
 /// How long a pass over so many images goes on after it was asked to stop, at moments spread over it; the longest waits with what was
 /// under way.
-fn interrupts(images: usize) {
-    const MOMENTS: u32 = 60;
+fn interrupts(images: usize, moments: u32) {
     const SHOWN: usize = 5;
     let scene = large(images);
     let network = oriented(&scene.network);
@@ -255,9 +255,9 @@ fn interrupts(images: usize) {
     let whole_s = begun.elapsed().as_secs_f64();
     assert!(whole.is_ok(), "a pass that ends");
     let mut waits: Vec<(f64, f64, String)> = Vec::new();
-    for k in 0..MOMENTS {
+    for k in 0..moments {
         let monitor = Monitor::new();
-        let after = whole_s * (f64::from(k) + 0.5) / f64::from(MOMENTS);
+        let after = whole_s * (f64::from(k) + 0.5) / f64::from(moments);
         let waited = std::thread::scope(|scope| {
             let asked = scope.spawn(|| {
                 std::thread::sleep(Duration::from_secs_f64(after));

@@ -70,7 +70,17 @@ impl Factor {
     /// The solution for one right side; `structure` is that of the layout it was made with.
     ///
     /// Cost: the entries of the factor, twice.
-    pub(super) fn solve(&self, structure: &Structure, right_side: &DVector<f64>) -> DVector<f64> {
+    ///
+    /// # Errors
+    /// [`Interrupted`] when the work was asked to stop.
+    pub(super) fn solve(
+        &self,
+        structure: &Structure,
+        right_side: &DVector<f64>,
+        monitor: &Monitor,
+    ) -> Result<DVector<f64>, Interrupted> {
+        /// Columns of a front between two looks at the monitor.
+        const COLUMNS: usize = 256;
         let mut solution = right_side.component_mul(&self.scale);
         let rows = |front: &Front| -> Vec<usize> {
             let blocks = front.blocks.iter();
@@ -83,6 +93,9 @@ impl Factor {
             let rows = rows(front);
             let mut own = gathered(&solution, &rows);
             for (j, column) in factor.columns.column_iter().enumerate() {
+                if j % COLUMNS == 0 {
+                    monitor.check()?;
+                }
                 own[j] /= column[j];
                 let value = own[j];
                 let below = column.as_slice()[j + 1..].iter();
@@ -98,6 +111,9 @@ impl Factor {
             let rows = rows(front);
             let mut own = gathered(&solution, &rows);
             for (j, column) in factor.columns.column_iter().enumerate().rev() {
+                if j % COLUMNS == 0 {
+                    monitor.check()?;
+                }
                 let below = column.as_slice()[j + 1..].iter().zip(&own[j + 1..]);
                 let below: f64 = below.map(|(entry, value)| entry * value).sum();
                 own[j] = (own[j] - below) / column[j];
@@ -106,7 +122,7 @@ impl Factor {
                 solution[row] = value;
             }
         }
-        solution.component_mul(&self.scale)
+        Ok(solution.component_mul(&self.scale))
     }
 
     /// The inverse of the regularised reduced matrix where the factor has entries.
@@ -509,7 +525,8 @@ mod tests {
             let scaled = DMatrix::from_diagonal(&scale);
             let whole = &scaled * dense.try_inverse().unwrap() * &scaled;
             let right_side = DVector::from_fn(n, |i, _| (i as f64).sin());
-            let off = factor.solve(&structure, &right_side) - &whole * &right_side;
+            let solved = factor.solve(&structure, &right_side, &Monitor::new());
+            let off = solved.expect("nobody interrupts") - &whole * &right_side;
             assert!(
                 off.amax() < 1e-12 * whole.amax() * n as f64,
                 "{seed}: {}",

@@ -26,6 +26,9 @@ pub struct RejectionSettings {
     pub restore: f64,
     /// At most so many adjustments; default 40.
     pub passes: usize,
+    /// The last adjustment follows where one changed the standing of no more than this share of the observations; default 0: where it
+    /// changed none. What comes of more than 0 is good for going on, not as a result.
+    pub enough: f64,
     /// A point with fewer used rays (and unknown coordinates) is dropped; at least and by default 2.
     pub min_rays: usize,
     /// No observation is rejected by the test when its station would keep fewer; default 6.
@@ -41,6 +44,7 @@ impl Default for RejectionSettings {
             critical: 4.0,
             restore: 3.3,
             passes: 40,
+            enough: 0.0,
             min_rays: 2,
             min_station_rays: 6,
             robust_start: RobustStart::Huber {

@@ -308,7 +308,7 @@ impl SolvedNetwork {
             let unit = DMatrix::identity(3, 3);
             add_to_right_side(&mut right_side, &self.layout, frame, normal, &unit);
         }
-        solved(&self.layout, &self.factor, &right_side)
+        solved(&self.layout, &self.factor, &right_side, &Monitor::new()).expect("nobody interrupts")
     }
 
     fn is_eliminated(&self, part: Part) -> bool {

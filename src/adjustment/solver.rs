@@ -302,7 +302,8 @@ impl BundleSolver {
             )
             .and_then(|normals| {
                 let factor = Factor::new(&normals, &self.layout, &self.state, &free, monitor)?;
-                let kept = factor.solve(&self.layout.structure, &normals.right_side);
+                let structure = &self.layout.structure;
+                let kept = factor.solve(structure, &normals.right_side, monitor)?;
                 Ok((kept, normals))
             });
             match solved {
@@ -438,7 +439,8 @@ impl BundleSolver {
         )
         .ok()?;
         let factor = Factor::new(&normals, layout, &self.state, free, monitor).ok()?;
-        let kept = factor.solve(&layout.structure, &normals.right_side);
+        let kept = factor.solve(&layout.structure, &normals.right_side, monitor);
+        let kept = kept.ok()?;
         Some(Step::of(kept, &normals, layout))
     }
 

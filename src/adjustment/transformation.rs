@@ -47,14 +47,14 @@ impl Transformation {
             };
             add_to_right_side(&mut right_side, layout, frame, normal.as_ref(), h);
         }
-        let kept = solved(layout, factor, &right_side);
-        monitor.check()?;
+        let kept = solved(layout, factor, &right_side, monitor)?;
         let frames = layout.frames.par_iter().zip(&normals.points);
         let points = frames.with_min_len(64).map(|(frame, normal)| {
+            monitor.check()?;
             let h = h_of_points[frame.point];
-            point_rows(layout, frame, normal.as_ref(), h, &kept)
+            Ok(point_rows(layout, frame, normal.as_ref(), h, &kept))
         });
-        let points: Vec<DMatrix<f64>> = points.collect();
+        let points: Vec<DMatrix<f64>> = points.collect::<Result<_, Interrupted>>()?;
         let mut inner = DMatrix::zeros(d, d);
         for (frame, c) in layout.frames.iter().zip(&points) {
             if let Some(h) = h_of_points[frame.point] {
@@ -82,16 +82,22 @@ impl Transformation {
 }
 
 /// `Q' R` over the reduced system for right sides `R`, a column each.
-pub(super) fn solved(layout: &Layout, factor: &Factor, right_side: &DMatrix<f64>) -> DMatrix<f64> {
+pub(super) fn solved(
+    layout: &Layout,
+    factor: &Factor,
+    right_side: &DMatrix<f64>,
+    monitor: &Monitor,
+) -> Result<DMatrix<f64>, Interrupted> {
     let columns = (0..right_side.ncols()).into_par_iter().map(|k| {
         let column = right_side.column(k).into_owned();
-        factor.solve(&layout.structure, &column)
+        factor.solve(&layout.structure, &column, monitor)
     });
+    let columns: Vec<_> = columns.collect::<Result<_, Interrupted>>()?;
     let mut kept = DMatrix::zeros(layout.kept, right_side.ncols());
-    for (k, column) in columns.collect::<Vec<_>>().iter().enumerate() {
+    for (k, column) in columns.iter().enumerate() {
         kept.set_column(k, column);
     }
-    kept
+    Ok(kept)
 }
 
 /// Adds what the right side `h^T` (`h` is k x 3) of a point's own equations is in the reduced system.

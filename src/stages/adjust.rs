@@ -37,6 +37,10 @@ const SHARE_TO_DOUBT_IMAGE: f64 = 0.5;
 /// Rounds of estimating circles and adjusting at most; two are the rule, since a circle depends on the network little.
 const ROUNDS_OF_CIRCLES: usize = 5;
 
+/// Between passes of identification and for the circles gross errors are looked for until no more than this share of the observations
+/// changes its standing: the final adjustment looks until none does.
+const ENOUGH: f64 = 1e-3;
+
 /// A lens parameter is weighed by what is known beforehand where the images alone leave it this share of that, or more.
 const LOOSE_SHARE: f64 = 0.3;
 
@@ -122,10 +126,14 @@ pub(super) fn adjust(network: &mut Network, stage: Stage, monitor: &Monitor) -> 
         Frame::ThreeTwoOne(points) if frame.refused.is_none() => Some(points),
         _ => None,
     };
-    let (bundle, robust) = match solve(network, stage, points.as_ref(), monitor) {
+    let enough = match stage {
+        Stage::Identify => ENOUGH,
+        _ => 0.0,
+    };
+    let (bundle, robust) = match solve(network, stage, points.as_ref(), enough, monitor) {
         Err(failure) if failure.is_of_frame() => {
             frame.refused = Some(failure.in_words);
-            solve(network, stage, None, monitor)
+            solve(network, stage, None, enough, monitor)
         }
         other => other,
     }
@@ -174,17 +182,18 @@ fn settle_circles(network: &mut Network, stage: Stage, monitor: &Monitor) -> Res
         if round == rounds || (round > 0 && change < SETTLED_PX) {
             break;
         }
-        let (bundle, robust) = solve(network, stage, None, monitor).map_err(halt)?;
+        let (bundle, robust) = solve(network, stage, None, ENOUGH, monitor).map_err(halt)?;
         bundle.write_back(network, &robust.adjustment);
     }
     Ok(())
 }
 
-/// The adjustment with rejection; where the images cannot tell all of the lens, what they leave loose is held.
+/// The adjustment with rejection until it changes no more than the share `enough`; where the images cannot tell all of the lens, what they leave loose is held.
 fn solve(
     network: &mut Network,
     stage: Stage,
     frame: Option<&ThreeTwoOne<PointId>>,
+    enough: f64,
     monitor: &Monitor,
 ) -> Result<(Bundle, RobustAdjustment), BundleFailure> {
     let datum = match stage {
@@ -203,7 +212,9 @@ fn solve(
     loop {
         let calibrated = |network: &Network| assemble(network, LensFreedom::Calibrated(&weighed));
         let adjusted = match network.settings.gross_errors {
-            GrossErrors::Reject => adjust_what_holds(network, calibrated, settings, monitor),
+            GrossErrors::Reject => {
+                adjust_what_holds(network, calibrated, settings, enough, monitor)
+            }
             GrossErrors::Keep => adjust_all_that_holds(network, calibrated, settings, monitor),
         };
         match adjusted {
@@ -230,7 +241,7 @@ fn solve(
                     text: HELD_LENS.into(),
                 });
                 let held = |network: &Network| assemble(network, LensFreedom::Provisional);
-                return adjust_what_holds(network, held, settings, monitor);
+                return adjust_what_holds(network, held, settings, enough, monitor);
             }
             other => return other,
         }

@@ -338,7 +338,7 @@ pub(super) fn update(network: &mut Network, monitor: &Monitor) -> Result<(), Hal
     let is_small = network.oriented_images().count() <= IMAGES_FOR_WAVES;
     let bundle = if is_small {
         let (bundle, robust) =
-            adjust_what_holds(network, held, settings, monitor).map_err(adjust::halt)?;
+            adjust_what_holds(network, held, settings, 0.0, monitor).map_err(adjust::halt)?;
         bundle.write_back(network, &robust.adjustment);
         // What took no part stands where the network was before, and is intersected anew.
         Arc::make_mut(&mut network.points).retain(|_, point| point.covariance.is_some());

@@ -105,7 +105,7 @@ pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> 
             views: &views,
             known_ids: &known_ids,
         }
-        .give(network, &found);
+        .give(network, &found, monitor)?;
         new_points = network.points.len() - before;
     }
     let names: usize = network.images.values().map(|i| i.labels.len()).sum();
@@ -366,10 +366,18 @@ pub(super) struct Names<'a> {
 
 impl Names<'_> {
     /// Returns the number of dots that got a name.
-    fn give(&self, network: &mut Network, found: &Identification) -> usize {
+    fn give(
+        &self,
+        network: &mut Network,
+        found: &Identification,
+        monitor: &Monitor,
+    ) -> Result<usize, Interrupted> {
         let mut labelled = 0;
+        let by_operator = self.named_by_operator(network);
         for claim in &found.claims {
-            self.name(network, claim.member, self.known_ids[claim.known]);
+            monitor.check()?;
+            let known = self.known_ids[claim.known];
+            self.name(network, claim.member, known, &by_operator);
             labelled += 1;
         }
         let code_names = self.names_of_single_codes(network, &found.tracks);
@@ -379,6 +387,7 @@ impl Names<'_> {
                 network.next_target += 1;
                 PointId::Target(network.next_target)
             });
+            monitor.check()?;
             names_of_tracks.push(point);
             let coordinates = Point {
                 position: track.position,
@@ -388,7 +397,7 @@ impl Names<'_> {
             };
             Arc::make_mut(&mut network.points).insert(point, Arc::new(coordinates));
             for member in &track.members {
-                self.name(network, *member, point);
+                self.name(network, *member, point, &by_operator);
                 labelled += 1;
             }
         }
@@ -402,15 +411,32 @@ impl Names<'_> {
         });
         network.tentative = Arc::new(tentative.collect());
         network.ambiguous = Arc::new(self.ambiguous(&found.groups, &names_of_tracks));
-        labelled
+        Ok(labelled)
     }
 
-    fn name(&self, network: &mut Network, member: Member, point: PointId) {
+    /// By view, the points that the operator named in it.
+    fn named_by_operator(&self, network: &Network) -> Vec<BTreeSet<PointId>> {
+        let of_image = |id: &ImageId| {
+            let labels = network.images[id].labels.values();
+            let by_operator = labels.filter(|label| label.source == Source::Operator);
+            by_operator.map(|label| label.point).collect()
+        };
+        self.images.iter().map(of_image).collect()
+    }
+
+    /// Names a dot, where the operator named neither it nor another one so.
+    fn name(
+        &self,
+        network: &mut Network,
+        member: Member,
+        point: PointId,
+        by_operator: &[BTreeSet<PointId>],
+    ) {
         let dot = self.views[member.view].dots[member.dot];
         let image = network.image_mut(self.images[member.view]);
-        let by_operator = |label: &Label| label.source == Source::Operator;
-        let taken = |label: &Label| by_operator(label) && label.point == point;
-        if image.labels.get(&dot).is_some_and(by_operator) || image.labels.values().any(taken) {
+        let named = image.labels.get(&dot);
+        let is_operators = named.is_some_and(|label| label.source == Source::Operator);
+        if is_operators || by_operator[member.view].contains(&point) {
             return;
         }
         let previous = image.labels.get(&dot).map(|label| label.point);

@@ -11,8 +11,8 @@ use crate::adjustment::{
 use crate::monitor::Monitor;
 use crate::network::{Attempt, ImageId, Network};
 
-/// Adjusts with rejection. An image whose orientation its remaining points no longer determine is set aside, and the
-/// rest is adjusted; fewer than two images are an error.
+/// Adjusts with rejection, until it changes no more than the share `enough` of the observations. An image whose orientation its
+/// remaining points no longer determine is set aside, and the rest is adjusted; fewer than two images are an error.
 ///
 /// # Errors
 /// As [`adjust_with_rejection`].
@@ -20,10 +20,15 @@ pub(super) fn adjust_what_holds(
     network: &mut Network,
     assemble: impl Fn(&Network) -> Bundle,
     settings: BundleSettings,
+    enough: f64,
     monitor: &Monitor,
 ) -> Result<(Bundle, RobustAdjustment), BundleFailure> {
     what_holds(network, assemble, monitor, |bundle, rejection| {
-        adjust_with_rejection(&bundle.problem, settings, rejection, monitor)
+        let rejection = RejectionSettings {
+            enough,
+            ..*rejection
+        };
+        adjust_with_rejection(&bundle.problem, settings, &rejection, monitor)
     })
 }
 
