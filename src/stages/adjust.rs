@@ -175,11 +175,11 @@ fn settle_circles(network: &mut Network, stage: Stage, monitor: &Monitor) -> Res
             circles::carried(network),
             circles::estimated(network, monitor)?,
         );
-        let change = circles::largest_change(network, &before, &now);
-        monitor.check()?;
+        let change = || circles::largest_change(network, &before, &now, monitor);
+        let is_last = round == rounds || (round > 0 && change()? < SETTLED_PX);
         circles::carry(network, &now);
         monitor.check()?;
-        if round == rounds || (round > 0 && change < SETTLED_PX) {
+        if is_last {
             break;
         }
         let (bundle, robust) = solve(network, stage, None, ENOUGH, monitor).map_err(halt)?;

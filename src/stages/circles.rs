@@ -95,8 +95,14 @@ pub(super) fn carry(network: &mut Network, circles: &Circles) {
 }
 
 /// The largest change of an eccentricity, px, over all used dots.
-pub(super) fn largest_change(network: &Network, before: &Circles, after: &Circles) -> f64 {
+pub(super) fn largest_change(
+    network: &Network,
+    before: &Circles,
+    after: &Circles,
+    monitor: &Monitor,
+) -> Result<f64, Interrupted> {
     let of_image = |(_, image, station): &(ImageId, &ImageEntry, &Station)| {
+        monitor.check()?;
         let camera = &network.camera_of(image).camera;
         let mut largest = 0.0_f64;
         for (_, label) in image.used_labels() {
@@ -111,15 +117,19 @@ pub(super) fn largest_change(network: &Network, before: &Circles, after: &Circle
                 eccentricity(before).unwrap_or_default() - eccentricity(after).unwrap_or_default();
             largest = largest.max(change.norm());
         }
-        largest
+        Ok(largest)
     };
     let images: Vec<_> = network.oriented_images().collect();
-    images.par_iter().map(of_image).reduce(|| 0.0, f64::max)
+    let of_images = images.par_iter().map(of_image);
+    of_images.try_reduce(|| 0.0, |a, b| Ok(a.max(b)))
 }
 
 /// The largest eccentricity of a used dot, px; 0 where no circle is known.
-pub(super) fn largest_eccentricity(network: &Network) -> f64 {
-    largest_change(network, &carried(network), &Circles::new())
+pub(super) fn largest_eccentricity(
+    network: &Network,
+    monitor: &Monitor,
+) -> Result<f64, Interrupted> {
+    largest_change(network, &carried(network), &Circles::new(), monitor)
 }
 
 /// How exact the ellipses of the plain targets are, from those that carry a circle; `None` before there are enough. Dots of codes do

@@ -88,7 +88,7 @@ pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> 
             known: &known,
             space,
             station_sigma_mm: sigma_station_mm,
-            image_tolerance_px: tolerance_px(network),
+            image_tolerance_px: tolerance_px(network, monitor)?,
             ellipses: circles::ellipse_precision(network),
         };
         let settings = IdentificationSettings {
@@ -129,7 +129,7 @@ pub(super) fn run(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> 
     Ok(())
 }
 
-fn tolerance_px(network: &Network) -> f64 {
+fn tolerance_px(network: &Network, monitor: &Monitor) -> Result<f64, Interrupted> {
     let adjusted_with_targets =
         |a: &&Arc<AdjustmentResult>| matches!(a.stage, Stage::Identify | Stage::Adjust);
     let of_lens = match network.adjustment.as_ref().filter(adjusted_with_targets) {
@@ -137,7 +137,7 @@ fn tolerance_px(network: &Network) -> f64 {
         None => FIRST_TOLERANCE_PX,
     };
     // Identification takes a dot for the image of its target's centre.
-    of_lens.max(circles::largest_eccentricity(network))
+    Ok(of_lens.max(circles::largest_eccentricity(network, monitor)?))
 }
 
 /// An image's view for identification with the places of its dots in the image's detections.
