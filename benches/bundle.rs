@@ -60,8 +60,8 @@ fn measure(folder: &Path, lens: Lens) {
         problem.observations.len(),
     ];
     let begun = Instant::now();
-    let mut solver =
-        BundleSolver::new(problem, BundleSettings::default()).expect("a sound problem");
+    let mut solver = BundleSolver::new(problem, BundleSettings::default(), &Monitor::new())
+        .expect("a sound problem");
     let mut iterations = 0;
     loop {
         let iteration = solver.iterate(&Monitor::new()).expect("a step");

@@ -13,7 +13,7 @@
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, SMatrix, SymmetricEigen, Vector2, Vector3};
 
-use super::statistics::median;
+use super::median::median;
 use crate::camera::Camera;
 use crate::geometry::{Circle, Pose};
 

@@ -15,7 +15,7 @@ pub(super) fn dense_design(
     layout: &Layout,
     state: &State,
 ) -> DMatrix<f64> {
-    let equations = Equations::at(problem, layout, state);
+    let equations = Equations::at(problem, layout, state, &Monitor::new()).unwrap();
     let mut rows: Vec<DVector<f64>> = Vec::new();
     let unknowns = layout.unknowns();
     let start_of = |p: usize| point_start(layout, p);
@@ -144,7 +144,7 @@ pub(super) fn agrees_with_dense_algebra(problem: &BundleProblem, defect: usize) 
     let adjustment = solve(problem).unwrap();
     assert_eq!(adjustment.datum_defect, defect);
     let state = State::of(&adjustment);
-    let layout = Layout::new(problem).unwrap();
+    let layout = Layout::new(problem, &Monitor::new()).unwrap();
     let a = dense_design(problem, &layout, &state);
     let g = dense_constraints(&layout, &state, &layout.datum_points, defect);
     let q = bordered_cofactor(&a, &g) * adjustment.sigma0.powi(2);

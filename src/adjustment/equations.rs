@@ -7,6 +7,7 @@ use super::layout::Layout;
 use super::{Adjustment, BundleProblem, ImageObservation, ResidualPlane, Sharing};
 use crate::camera::{Camera, Projection};
 use crate::geometry::{Circle, Pose, skew};
+use crate::monitor::{Interrupted, Monitor};
 
 /// The values of all unknowns (and of what is kept fixed).
 #[derive(Clone, Debug)]
@@ -205,16 +206,22 @@ pub(super) struct Equations {
 }
 
 impl Equations {
-    pub(super) fn at(problem: &BundleProblem, layout: &Layout, state: &State) -> Self {
+    pub(super) fn at(
+        problem: &BundleProblem,
+        layout: &Layout,
+        state: &State,
+        monitor: &Monitor,
+    ) -> Result<Self, Interrupted> {
         let rays = problem
             .observations
             .par_iter()
             .with_min_len(64)
             .map(|o| {
-                let takes_part = layout.takes_part(o.point);
-                takes_part.then(|| Sight::of(problem, state, o).equation())?
+                let wanted = layout.takes_part(o.point) && !monitor.is_interrupted();
+                wanted.then(|| Sight::of(problem, state, o).equation())?
             })
             .collect();
+        monitor.check()?;
         let distances = problem
             .distances
             .iter()
@@ -225,7 +232,7 @@ impl Equations {
                 })
             })
             .collect();
-        Self { rays, distances }
+        Ok(Self { rays, distances })
     }
 }
 

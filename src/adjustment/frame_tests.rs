@@ -56,7 +56,7 @@ fn constraints(layout: &Layout, frame: &ThreeTwoOne<usize>) -> DMatrix<f64> {
 fn agrees_with_minimum_constraints(problem: &BundleProblem) {
     let adjustment = solve(problem).unwrap();
     let state = State::of(&adjustment);
-    let layout = Layout::new(problem).unwrap();
+    let layout = Layout::new(problem, &Monitor::new()).unwrap();
     let a = dense_design(problem, &layout, &state);
     let mut b = constraints(&layout, problem.frame.as_ref().unwrap());
     if adjustment.datum_defect == 7 {
@@ -133,7 +133,7 @@ fn known_coordinates_are_seen_relative_to_the_frame() {
     problem.datum = Datum::Control;
     let (moved, known) = with_and_without(&problem, AxisOrder::Xy);
     let state = State::of(&known);
-    let layout = Layout::new(&problem).unwrap();
+    let layout = Layout::new(&problem, &Monitor::new()).unwrap();
     let a = dense_design(&problem, &layout, &state);
     let q = bordered_cofactor(&a, &DMatrix::zeros(layout.unknowns(), 0)) * known.sigma0.powi(2);
     let motion = moved.motion.unwrap();

@@ -143,7 +143,7 @@ fn statistics_agree_with_dense_algebra() {
 #[test]
 fn the_design_is_the_derivative_by_every_unknown_of_the_reduced_system() {
     let problem = mixed_network(3).problem;
-    let layout = Layout::new(&problem).unwrap();
+    let layout = Layout::new(&problem, &Monitor::new()).unwrap();
     let state = State::start(&problem);
     let design = dense_design(&problem, &layout, &state);
     let scaled = |state: &State| -> Vec<f64> {
@@ -182,7 +182,13 @@ fn the_design_is_the_derivative_by_every_unknown_of_the_reduced_system() {
             );
         }
     }
-    assert_eq!(Equations::at(&problem, &layout, &state).distances.len(), 2);
+    assert_eq!(
+        Equations::at(&problem, &layout, &state, &Monitor::new())
+            .unwrap()
+            .distances
+            .len(),
+        2
+    );
 }
 
 #[test]

@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::error::{ParameterName, ProblemPart, StationComponent};
 use super::structure::{Structure, spread_stations};
 use super::{AdjustmentError, BundleProblem, CoordinatePrior, ParameterState, PointBlock, Sharing};
+use crate::monitor::{Interrupted, Monitor};
 
 /// The part a point takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -126,11 +127,10 @@ pub(super) struct Layout {
 }
 
 impl Layout {
-    pub(super) fn new(problem: &BundleProblem) -> Result<Self, AdjustmentError> {
+    pub(super) fn new(problem: &BundleProblem, monitor: &Monitor) -> Result<Self, AdjustmentError> {
         check_input(problem)?;
-        let used: Vec<bool> = (0..problem.observations.len())
-            .map(|i| !problem.rejected.contains(&i))
-            .collect();
+        monitor.check()?;
+        let used = problem.used();
         let mut rays = vec![0usize; problem.points.len()];
         for (o, _) in problem.observations.iter().zip(&used).filter(|u| *u.1) {
             rays[o.point] += 1;
@@ -144,6 +144,7 @@ impl Layout {
             .map(|d| present[d.from] && present[d.to])
             .collect();
         check_determined(problem, &rays, &present, &distance_used, &used)?;
+        monitor.check()?;
 
         let mut kept = 6 * problem.stations.len();
         let cameras = problem.cameras.iter();
@@ -216,7 +217,8 @@ impl Layout {
         if let super::Datum::InnerConstraints { points } = &problem.datum {
             layout.set_datum_points(points);
         }
-        layout.frames = layout.point_frames(problem, &starts);
+        layout.frames = layout.point_frames(problem, &starts, monitor)?;
+        monitor.check()?;
         let of_frames = layout.frames.iter();
         let of_frames = of_frames.map(|frame| frame.blocks.iter().map(|block| block.0).collect());
         let of_distances = problem.distances.iter().zip(&layout.distance_used);
@@ -233,8 +235,10 @@ impl Layout {
             of_frames.chain(of_distances),
             spread_stations(problem),
         );
+        monitor.check()?;
         let mut frames_of_block = vec![Vec::new(); layout.structure.blocks()];
         for (index, frame) in layout.frames.iter().enumerate() {
+            monitor.check()?;
             for (at, &(block, _)) in frame.blocks.iter().enumerate() {
                 frames_of_block[block].push(FrameOfBlock {
                     frame: index,
@@ -319,7 +323,12 @@ impl Layout {
         }
     }
 
-    fn point_frames(&self, problem: &BundleProblem, starts: &[usize]) -> Vec<PointFrame> {
+    fn point_frames(
+        &self,
+        problem: &BundleProblem,
+        starts: &[usize],
+        monitor: &Monitor,
+    ) -> Result<Vec<PointFrame>, Interrupted> {
         let mut rays_of_points = vec![Vec::new(); problem.points.len()];
         for (i, o) in problem.observations.iter().enumerate() {
             rays_of_points[o.point].push(i);
@@ -327,7 +336,10 @@ impl Layout {
         (0..problem.points.len())
             .into_par_iter()
             .filter(|&p| self.takes_part(p))
-            .map(|p| self.point_frame(problem, p, &rays_of_points[p], starts))
+            .map(|p| {
+                monitor.check()?;
+                Ok(self.point_frame(problem, p, &rays_of_points[p], starts))
+            })
             .collect()
     }
 

@@ -45,6 +45,7 @@ mod frame;
 mod interior;
 mod known;
 mod layout;
+mod median;
 mod neighbourhoods;
 mod normals;
 mod problem;
@@ -121,7 +122,7 @@ pub fn adjust(
     monitor: &Monitor,
 ) -> Result<Adjustment, AdjustmentError> {
     let task = monitor.task("Adjusting", 0);
-    let mut solver = BundleSolver::new(problem, settings)?;
+    let mut solver = BundleSolver::new(problem, settings, monitor)?;
     loop {
         task.step()?;
         if solver.iterate(monitor)?.termination.is_some() {

@@ -108,6 +108,7 @@ impl Normals {
             Ok(system.look_at(frame))
         });
         let looked: Vec<Looked> = looked.collect::<Result<_, Interrupted>>()?;
+        monitor.check()?;
         let mut loose = Vec::new();
         let mut points = Vec::with_capacity(looked.len());
         for (frame, looked) in layout.frames.iter().zip(looked) {
@@ -143,6 +144,7 @@ impl Normals {
             diagonal.copy_from_slice(sum.diagonal.as_slice());
             normals.reduced.columns[sum.block] = sum.values;
         }
+        monitor.check()?;
         normals.add_distances(problem, layout, equations);
         normals.add_interior_priors(problem, layout, state);
         for i in 0..layout.kept {
@@ -264,6 +266,7 @@ fn sums(
         }))
     });
     let found: Vec<Vec<BlockColumns>> = found.collect::<Result<_, Interrupted>>()?;
+    monitor.check()?;
     let mut sums: Vec<Option<BlockColumns>> = Vec::new();
     sums.resize_with(structure.blocks(), || None);
     for sum in found.into_iter().flatten() {

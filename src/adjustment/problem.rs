@@ -274,6 +274,21 @@ pub struct BundleProblem {
     pub rejected: BTreeSet<usize>,
 }
 
+impl BundleProblem {
+    /// By image observation, whether it takes part.
+    ///
+    /// Cost: the observations.
+    pub(super) fn used(&self) -> Vec<bool> {
+        let mut used = vec![true; self.observations.len()];
+        for &index in &self.rejected {
+            if let Some(used) = used.get_mut(index) {
+                *used = false;
+            }
+        }
+        used
+    }
+}
+
 /// Whether gross errors are expected at the start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RobustStart {

@@ -4,10 +4,10 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::datum::apply;
 use super::equations::State;
+use super::median::median;
 use super::runaways::runaways;
 use super::significance::{normal_level, tau_critical};
 use super::solver::{LEAST_SCALE, SIGMA_FROM_MEDIAN, robust_scale};
-use super::statistics::median;
 use super::{
     Adjustment, AdjustmentError, BundleProblem, BundleSettings, BundleSolver, ObservationStatus,
     OutlierTest, ParameterName, Phase, RejectionSettings, RobustStart,
@@ -152,6 +152,7 @@ impl<'a> Snooping<'a> {
                 solver.phase() == Phase::LeastSquares
             })?;
             self.state = found.state().clone();
+            task.monitor().check()?;
             if !self.reject_coarsely(&found) {
                 break;
             }
@@ -168,6 +169,7 @@ impl<'a> Snooping<'a> {
         };
         let solver = self.solve(settings, task, |_| false)?;
         let draft = solver.finish_as_it_is(task.monitor())?;
+        task.monitor().check()?;
         self.state = State::of(&draft);
         Ok(draft)
     }
@@ -179,6 +181,7 @@ impl<'a> Snooping<'a> {
         };
         let solver = self.solve(settings, task, |_| false)?;
         let adjustment = solver.finish(task.monitor())?;
+        task.monitor().check()?;
         self.state = State::of(&adjustment);
         if let Some(motion) = &adjustment.motion {
             // The datum and known coordinates refer to the place the problem was given in.
@@ -195,13 +198,14 @@ impl<'a> Snooping<'a> {
         task: &Task<'_>,
         enough: impl Fn(&BundleSolver) -> bool,
     ) -> Result<BundleSolver, AdjustmentError> {
+        let monitor = task.monitor();
         'restart: loop {
-            task.monitor().check()?;
+            monitor.check()?;
             let mut solver =
-                BundleSolver::resume(self.problem.clone(), settings, self.state.clone())?;
+                BundleSolver::resume(self.problem.clone(), settings, self.state.clone(), monitor)?;
             loop {
                 task.step()?;
-                match solver.iterate(task.monitor()) {
+                match solver.iterate(monitor) {
                     Ok(_) if self.drop_runaways(solver.state()) => {
                         self.state = solver.state().clone();
                         continue 'restart;
@@ -258,15 +262,9 @@ impl<'a> Snooping<'a> {
         self.rejected.insert(index, Verdict { reason, w });
     }
 
-    fn used(&self) -> Vec<bool> {
-        (0..self.problem.observations.len())
-            .map(|i| !self.problem.rejected.contains(&i))
-            .collect()
-    }
-
     pub(super) fn rays_of_points(&self) -> Vec<usize> {
         let mut rays = vec![0; self.problem.points.len()];
-        for (o, used) in self.problem.observations.iter().zip(self.used()) {
+        for (o, used) in self.problem.observations.iter().zip(self.problem.used()) {
             rays[o.point] += usize::from(used);
         }
         rays
@@ -274,7 +272,7 @@ impl<'a> Snooping<'a> {
 
     fn rays_of_stations(&self) -> Vec<usize> {
         let mut rays = vec![0; self.problem.stations.len()];
-        for (o, used) in self.problem.observations.iter().zip(self.used()) {
+        for (o, used) in self.problem.observations.iter().zip(self.problem.used()) {
             rays[o.station] += usize::from(used);
         }
         rays
@@ -317,7 +315,7 @@ impl<'a> Snooping<'a> {
     /// The largest residual of each point, where it is far too large.
     fn reject_coarsely(&mut self, solver: &BundleSolver) -> bool {
         let residuals = solver.residuals();
-        let used = self.used();
+        let used = self.problem.used();
         let scale = robust_scale(&self.problem, &used, &residuals);
         let rays = self.rays_of_points();
         let candidates = (0..residuals.len()).filter_map(|index| {

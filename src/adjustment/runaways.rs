@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::equations::State;
-use super::statistics::median;
+use super::median::median;
 
 /// Distance from the middle of all points, as a multiple of the median one, beyond which a point has run away.
 const FAR: f64 = 100.0;

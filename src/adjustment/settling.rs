@@ -51,7 +51,7 @@ pub fn settle(
     let task = monitor.task("Adjusting", 0);
     let mut snooping = Snooping::new(problem, bundle, settings);
     snooping.start_robustly(&task)?;
-    let layout = Layout::new(&snooping.problem)?;
+    let layout = Layout::new(&snooping.problem, monitor)?;
     let start: Vec<Vector3<f64>> = problem.points.iter().map(|p| p.position).collect();
     move_onto_datum(&snooping.problem, &layout, &mut snooping.state, &start)?;
     let rays = snooping.rays_of_points();

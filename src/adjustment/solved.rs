@@ -75,7 +75,7 @@ impl SolvedNetwork {
         termination: Termination,
         monitor: &Monitor,
     ) -> Result<Self, AdjustmentError> {
-        let equations = Equations::at(&problem, &layout, &state);
+        let equations = Equations::at(&problem, &layout, &state, monitor)?;
         let used = problem.observations.iter().zip(&layout.used);
         let weights: Vec<f64> = used
             .map(|(o, used)| if *used { o.sigma_px.powi(-2) } else { 0.0 })
@@ -88,6 +88,7 @@ impl SolvedNetwork {
         let inverse = factor.inverse(&layout.structure, monitor)?;
         let counts = Counts::of(&problem, &layout, &state, free.defect());
         let variance = statistics::variance(&problem, &layout, &state, &equations, &counts);
+        monitor.check()?;
         let onto_datum = STransformation::new(free, &problem, &layout, &state)?;
         let transformation =
             Transformation::new(onto_datum, &layout, &state, &normals, &factor, monitor)?;
@@ -119,7 +120,7 @@ impl SolvedNetwork {
         adjustment: &Adjustment,
         monitor: &Monitor,
     ) -> Result<Self, AdjustmentError> {
-        let layout = Layout::new(&problem)?;
+        let layout = Layout::new(&problem, monitor)?;
         let mut state = State::of(adjustment);
         if let Some(motion) = &adjustment.motion {
             apply(&motion.inverse(), &mut state);

@@ -11,7 +11,8 @@ use super::*;
 use crate::geometry::{AxisOrder, ThreeTwoOne};
 
 fn solved(problem: &BundleProblem) -> SolvedNetwork {
-    let mut solver = BundleSolver::new(problem.clone(), BundleSettings::default()).unwrap();
+    let mut solver =
+        BundleSolver::new(problem.clone(), BundleSettings::default(), &Monitor::new()).unwrap();
     while solver
         .iterate(&Monitor::new())
         .unwrap()
@@ -52,7 +53,7 @@ fn joint_covariances_and_influences_agree_with_dense_algebra() {
     };
     let network = solved(&problem);
     let adjustment = network.adjustment(&Monitor::new()).unwrap();
-    let layout = Layout::new(&problem).unwrap();
+    let layout = Layout::new(&problem, &Monitor::new()).unwrap();
     let state = State::of(&adjustment);
     let a = dense_design(&problem, &layout, &state);
     let g = dense_constraints(&layout, &state, &layout.datum_points, 6);

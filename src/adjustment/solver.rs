@@ -8,9 +8,9 @@ use super::equations::{Equations, State, distance_equation, image_residuals, tri
 use super::factor::Factor;
 use super::interior::interior_priors;
 use super::layout::Layout;
+use super::median::median;
 use super::normals::Normals;
 use super::solved::SolvedNetwork;
-use super::statistics::median;
 use super::step::Step;
 use super::{Adjustment, AdjustmentError, BundleProblem, BundleSettings, RobustStart};
 use crate::monitor::Monitor;
@@ -120,9 +120,13 @@ impl BundleSolver {
     ///
     /// # Errors
     /// Invalid input, points or stations with too few rays, a datum that does not take the freedom of the network.
-    pub fn new(problem: BundleProblem, settings: BundleSettings) -> Result<Self, AdjustmentError> {
+    pub fn new(
+        problem: BundleProblem,
+        settings: BundleSettings,
+        monitor: &Monitor,
+    ) -> Result<Self, AdjustmentError> {
         let state = State::start(&problem);
-        Self::resume(problem, settings, state)
+        Self::resume(problem, settings, state, monitor)
     }
 
     /// Sets out from another state; the datum still refers to the start values in `problem`.
@@ -130,8 +134,10 @@ impl BundleSolver {
         problem: BundleProblem,
         settings: BundleSettings,
         mut state: State,
+        monitor: &Monitor,
     ) -> Result<Self, AdjustmentError> {
-        let layout = Layout::new(&problem)?;
+        monitor.check()?;
+        let layout = Layout::new(&problem, monitor)?;
         state.hold_fixed(&problem);
         FreeMotions::of(&problem, &layout, &state).check(&problem, &layout, &state)?;
         let phase = match settings.robust_start {
@@ -159,7 +165,7 @@ impl BundleSolver {
     /// [`AdjustmentError::NotImaged`] when the start values put observed points behind their cameras,
     /// [`AdjustmentError::RankDefect`] when the observations leave unknowns undetermined.
     pub fn iterate(&mut self, monitor: &Monitor) -> Result<Iteration, AdjustmentError> {
-        let equations = Equations::at(&self.problem, &self.layout, &self.state);
+        let equations = Equations::at(&self.problem, &self.layout, &self.state, monitor)?;
         self.check_imaged(&equations)?;
         let residuals: Vec<Option<Vector2<f64>>> = equations
             .rays
@@ -168,6 +174,7 @@ impl BundleSolver {
             .collect();
         let loss = self.loss(&residuals);
         let cost = self.cost(&self.state, &residuals, loss);
+        monitor.check()?;
         let phase = self.phase;
         self.number += 1;
         let Some(accepted) = self.accepted_step(&equations, &residuals, loss, cost, monitor)?
@@ -182,6 +189,8 @@ impl BundleSolver {
                 termination,
             });
         };
+        drop(equations);
+        monitor.check()?;
         self.state = accepted.state;
         // A system that was singular by chance is tried undamped again at once.
         self.damping = if self.singular == 0 && accepted.damping > LEAST_DAMPING {
@@ -322,7 +331,9 @@ impl BundleSolver {
                     if self.damping == 0.0 {
                         self.singular = 0;
                     }
+                    monitor.check()?;
                     let step = Step::of(kept, &normals, &self.layout);
+                    monitor.check()?;
                     let with_cost = |state: State| {
                         let trial = trial_residuals(&self.problem, &self.layout, &state, equations);
                         let cost = self.cost(&state, &trial, loss);
@@ -343,8 +354,11 @@ impl BundleSolver {
                             states.find(|(_, cost)| *cost <= allowed)
                         })
                     };
+                    monitor.check()?;
                     if let Some((state, cost)) = lower {
                         let change = normals.predicted_change(&step.kept).max(0.0);
+                        drop(normals);
+                        monitor.check()?;
                         return Ok(Some(Accepted {
                             state,
                             cost,

@@ -65,14 +65,21 @@ pub(super) fn adjustment(
     } = network;
     let stations_of_rays = (0..problem.stations.len()).into_par_iter();
     let stations_of_rays: Vec<StationCofactors> = stations_of_rays
-        .map(|station| StationCofactors::of(network, station))
-        .collect();
+        .map(|station| {
+            monitor
+                .check()
+                .map(|()| StationCofactors::of(network, station))
+        })
+        .collect::<Result<_, Interrupted>>()?;
     let points = by_point(network, &stations_of_rays, monitor)?;
     let sigma0 = variance.sqrt();
+    monitor.check()?;
+    let observations = image_statistics(problem, layout, equations, &points);
+    monitor.check()?;
     Ok(Adjustment {
         cameras: cameras(problem, layout, state, &network.inverse, *variance),
         stations: stations(network),
-        observations: image_statistics(problem, layout, equations, &points),
+        observations,
         distances: distance_statistics(problem, layout, equations, &network.inverse),
         points: adjusted_points(problem, layout, state, &points, *variance),
         sigma0,
@@ -133,22 +140,6 @@ pub(super) fn variance(
     } else {
         1.0
     }
-}
-
-/// The median; the mean of the middle two for an even number; `None` without values.
-///
-/// Cost: the values.
-pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
-    let n = values.len();
-    if n == 0 {
-        return None;
-    }
-    let (below, &mut middle, _) = values.select_nth_unstable_by(n / 2, f64::total_cmp);
-    if n % 2 == 1 {
-        return Some(middle);
-    }
-    let before = below.iter().copied().max_by(f64::total_cmp)?;
-    Some((before + middle) / 2.0)
 }
 
 /// How many of what.

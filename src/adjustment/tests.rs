@@ -61,7 +61,8 @@ fn the_datum_points_keep_centre_attitude_and_scale_of_their_start_values() {
 #[test]
 fn switching_the_datum_needs_no_new_iteration() {
     let mut problem = box_network(&scene(6)).problem;
-    let mut solver = BundleSolver::new(problem.clone(), BundleSettings::default()).unwrap();
+    let mut solver =
+        BundleSolver::new(problem.clone(), BundleSettings::default(), &Monitor::new()).unwrap();
     while solver
         .iterate(&Monitor::new())
         .unwrap()
@@ -295,7 +296,8 @@ fn the_cost_never_rises_and_bad_starts_are_damped() {
         ..scene(13)
     })
     .problem;
-    let mut solver = BundleSolver::new(problem, BundleSettings::default()).unwrap();
+    let mut solver =
+        BundleSolver::new(problem, BundleSettings::default(), &Monitor::new()).unwrap();
     let mut last = f64::INFINITY;
     let end = loop {
         let iteration = solver.iterate(&Monitor::new()).unwrap();

@@ -59,6 +59,7 @@ pub(super) fn measured_extras(
         })
         .collect::<Result<_, Interrupted>>()?;
     for ((members, _), fit) in strong.iter().zip(fits) {
+        monitor.check()?;
         let Some(fit) = fit else {
             continue;
         };

@@ -162,6 +162,16 @@ impl<'a> Pass<'a> {
         }
     }
 
+    /// Rebuilds the indices of the views with the dots that are still free.
+    pub(super) fn index_free(&mut self) -> Result<(), Interrupted> {
+        let views = self.sights.par_iter_mut().zip(&self.free);
+        views.try_for_each(|(sight, free)| {
+            self.monitor.check()?;
+            sight.index_free(free);
+            Ok(())
+        })
+    }
+
     pub(super) fn free_dots(&self) -> Vec<Member> {
         (0..self.free.len())
             .flat_map(|view| self.free_dots_of(view))
@@ -249,18 +259,15 @@ impl<'a> Pass<'a> {
 
     /// One round; the number of dots that it labelled.
     fn round(&mut self, most_partners: usize, task: &Task) -> Result<usize, Interrupted> {
-        for (sight, free) in self.sights.iter_mut().zip(&self.free) {
-            sight.index_free(free);
-        }
+        self.index_free()?;
         let before = self.free_dots().len();
         // What is known takes its dots first: they have not to be searched for.
         let all = self.drafts.len();
         self.extend_drafts(0..all)?;
-        for (sight, free) in self.sights.iter_mut().zip(&self.free) {
-            sight.index_free(free);
-        }
+        self.index_free()?;
         let seeds = self.free_dots();
         let found = self.search(&seeds, most_partners, task)?;
+        self.monitor.check()?;
         // Dots that took part in a target are no chance for another one.
         self.pairs = found.iter().map(|v| v.pairs).sum();
         let readable = found.iter().filter(|v| v.rays() >= 3).count();
@@ -318,10 +325,12 @@ impl<'a> Pass<'a> {
             rays.then(a.1.variance_factor.total_cmp(&b.1.variance_factor))
                 .then(a.0.cmp(&b.0))
         });
+        self.monitor.check()?;
         let surface = self.surface();
         let sizes = self.sizes(seeds.iter().map(|m| &self.verdicts[m.view][m.dot]));
         let mut accepted = Vec::new();
         let mut free = self.free.clone();
+        self.monitor.check()?;
         for (seed, hypothesis) in order {
             self.monitor.check()?;
             let diameter = hypothesis.disc.map(|disc| disc.diameter_mm);

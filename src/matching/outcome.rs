@@ -21,6 +21,7 @@ impl Pass<'_> {
             ..Identification::default()
         };
         let free = self.free_dots();
+        self.monitor.check()?;
         let sizes = self.sizes(free.iter().map(|m| &self.verdicts[m.view][m.dot]));
         let leftover: Vec<Vec<Leftover>> = (0..self.sights.len())
             .into_par_iter()
@@ -38,6 +39,7 @@ impl Pass<'_> {
         result.pairs = self.pairs_left()?;
         let mut tracks: Vec<(usize, Track)> = Vec::new();
         for (index, draft) in self.drafts.iter().enumerate() {
+            self.monitor.check()?;
             if let Some(known) = draft.known {
                 result
                     .claims

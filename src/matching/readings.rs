@@ -82,9 +82,7 @@ impl Pass<'_> {
         &mut self,
         track_of_draft: &BTreeMap<usize, usize>,
     ) -> Result<Vec<Group>, Interrupted> {
-        for (sight, free) in self.sights.iter_mut().zip(&self.free) {
-            sight.index_free(free);
-        }
+        self.index_free()?;
         let mut readings = self.new_targets()?;
         readings.extend(self.further_dots(track_of_draft)?);
         // Less likely than chance is no reading.
@@ -102,6 +100,7 @@ impl Pass<'_> {
         let bench = self.bench();
         let mut proposed: BTreeMap<Vec<Member>, Vector3<f64>> = BTreeMap::new();
         for dot in self.free_dots() {
+            self.monitor.check()?;
             let verdict = &self.verdicts[dot.view][dot.dot];
             for hypothesis in verdict.best.iter().chain(&verdict.rival) {
                 let mut members = hypothesis.members.clone();
@@ -120,6 +119,7 @@ impl Pass<'_> {
                 Ok(fit.filter(|_| whole).map(|fit| (members, fit.point)))
             })
             .collect::<Result<_, Interrupted>>()?;
+        self.monitor.check()?;
         let surface = self.surface();
         let whole = without_parts(fitted.into_iter().flatten().collect());
         let weighed: Vec<Option<Reading>> = whole

@@ -143,6 +143,7 @@ pub(super) fn adjust(network: &mut Network, stage: Stage, monitor: &Monitor) -> 
         // What is not adjusted moves along.
         transform(network, motion);
     }
+    monitor.check()?;
     bundle.write_back(network, &robust.adjustment);
     bundle.mark_rejected(network, &robust.adjustment);
     let on_control = bundle.stands_on_control();
@@ -202,7 +203,8 @@ fn solve(
         _ => DatumPoints::All,
     };
     let assemble = |network: &Network, freedom: LensFreedom<'_>| {
-        Bundle::assemble(network, freedom, datum).in_frame(network, frame)
+        let bundle = Bundle::assemble(network, freedom, datum, monitor)?;
+        Ok(bundle.in_frame(network, frame))
     };
     let loose_lens =
         |finding: &Finding| (finding.stage, finding.kind) == (stage, FindingKind::Camera);

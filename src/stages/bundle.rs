@@ -14,6 +14,7 @@ use crate::adjustment::{
 };
 use crate::camera::INTERIOR_NAMES;
 use crate::geometry::ThreeTwoOne;
+use crate::monitor::{Interrupted, Monitor};
 use crate::network::{
     AdjustedObservation, AdjustmentResult, BarResult, BarRole, CameraId, CameraResult, ControlRole,
     FrameResult, ImageEntry, ImageId, Network, Point, PointId, PointKind, ScaleSource, Stage,
@@ -47,6 +48,15 @@ pub(super) enum DatumPoints {
     Codes,
     /// The plain targets; all points where there are none.
     Targets,
+}
+
+impl From<Interrupted> for BundleFailure {
+    fn from(interrupted: Interrupted) -> Self {
+        Self {
+            error: interrupted.into(),
+            in_words: interrupted.to_string(),
+        }
+    }
 }
 
 impl BundleFailure {
@@ -96,12 +106,16 @@ pub(super) struct Bundle {
 
 impl Bundle {
     /// All used observations of points that two or more oriented images show.
+    ///
+    /// # Errors
+    /// [`Interrupted`] when the work was asked to stop.
     pub(super) fn assemble(
         network: &Network,
         freedom: LensFreedom<'_>,
         datum: DatumPoints,
-    ) -> Self {
-        let points = points_with_rays(network);
+        monitor: &Monitor,
+    ) -> Result<Self, Interrupted> {
+        let points = points_with_rays(network, monitor)?;
         let point_index: BTreeMap<PointId, usize> = points
             .iter()
             .enumerate()
@@ -116,6 +130,7 @@ impl Bundle {
         let mut rows = Vec::new();
         let mut observations = Vec::new();
         for (id, image, station) in network.oriented_images() {
+            monitor.check()?;
             let Some(detections) = &image.detections else {
                 continue;
             };
@@ -192,8 +207,8 @@ impl Bundle {
             frame: None,
             rejected: BTreeSet::new(),
         };
-        problem.rejected = far_off(&problem);
-        Self {
+        problem.rejected = far_off(&problem, monitor)?;
+        Ok(Self {
             problem,
             datum: in_words,
             images,
@@ -202,7 +217,7 @@ impl Bundle {
             rows,
             bars,
             frame: None,
-        }
+        })
     }
 
     /// The same with its result in the frame by three points, where one is asked for.
@@ -489,17 +504,18 @@ pub(super) fn restore_rejected(network: &mut Network) {
 }
 
 /// Points with coordinates that two or more oriented images show.
-fn points_with_rays(network: &Network) -> Vec<PointId> {
+fn points_with_rays(network: &Network, monitor: &Monitor) -> Result<Vec<PointId>, Interrupted> {
     let mut rays: BTreeMap<PointId, usize> = BTreeMap::new();
     for (_, image, _) in network.oriented_images() {
+        monitor.check()?;
         for (_, label) in image.used_labels() {
             *rays.entry(label.point).or_default() += 1;
         }
     }
-    rays.into_iter()
-        .filter(|(id, rays)| *rays >= RAYS_TO_INTERSECT && network.points.contains_key(id))
-        .map(|(id, _)| id)
-        .collect()
+    let held = rays
+        .into_iter()
+        .filter(|(id, rays)| *rays >= RAYS_TO_INTERSECT && network.points.contains_key(id));
+    Ok(held.map(|(id, _)| id).collect())
 }
 
 fn inner_constraints(datum: DatumPoints, points: &[PointId]) -> (Datum, String) {

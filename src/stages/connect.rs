@@ -326,9 +326,10 @@ impl Resected {
 pub(super) fn update(network: &mut Network, monitor: &Monitor) -> Result<(), Halt> {
     restore_rejected(network);
     apply_frame(network);
-    let held =
-        |network: &Network| Bundle::assemble(network, LensFreedom::Provisional, DatumPoints::All);
-    if held(network).is_empty() {
+    let held = |network: &Network| {
+        Bundle::assemble(network, LensFreedom::Provisional, DatumPoints::All, monitor)
+    };
+    if held(network)?.is_empty() {
         return Ok(());
     }
     let settings = BundleSettings {

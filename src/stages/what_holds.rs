@@ -8,7 +8,7 @@ use crate::adjustment::{
     AdjustmentError, BundleSettings, RejectionSettings, RobustAdjustment, Settled, adjust,
     adjust_with_rejection, settle,
 };
-use crate::monitor::Monitor;
+use crate::monitor::{Interrupted, Monitor};
 use crate::network::{Attempt, ImageId, Network};
 
 /// Adjusts with rejection, until it changes no more than the share `enough` of the observations. An image whose orientation its
@@ -18,7 +18,7 @@ use crate::network::{Attempt, ImageId, Network};
 /// As [`adjust_with_rejection`].
 pub(super) fn adjust_what_holds(
     network: &mut Network,
-    assemble: impl Fn(&Network) -> Bundle,
+    assemble: impl Fn(&Network) -> Result<Bundle, Interrupted>,
     settings: BundleSettings,
     enough: f64,
     monitor: &Monitor,
@@ -38,14 +38,14 @@ pub(super) fn adjust_what_holds(
 /// As [`adjust`].
 pub(super) fn adjust_all_that_holds(
     network: &mut Network,
-    assemble: impl Fn(&Network) -> Bundle,
+    assemble: impl Fn(&Network) -> Result<Bundle, Interrupted>,
     settings: BundleSettings,
     monitor: &Monitor,
 ) -> Result<(Bundle, RobustAdjustment), BundleFailure> {
     let everything = |network: &Network| {
-        let mut bundle = assemble(network);
+        let mut bundle = assemble(network)?;
         bundle.problem.rejected.clear();
-        bundle
+        Ok(bundle)
     };
     what_holds(network, everything, monitor, |bundle, _| {
         Ok(RobustAdjustment {
@@ -63,7 +63,7 @@ pub(super) fn adjust_all_that_holds(
 /// As [`settle`].
 pub(super) fn settle_what_holds(
     network: &mut Network,
-    assemble: impl Fn(&Network) -> Bundle,
+    assemble: impl Fn(&Network) -> Result<Bundle, Interrupted>,
     settings: BundleSettings,
     monitor: &Monitor,
 ) -> Result<(Bundle, Settled), BundleFailure> {
@@ -74,7 +74,7 @@ pub(super) fn settle_what_holds(
 
 fn what_holds<T>(
     network: &mut Network,
-    assemble: impl Fn(&Network) -> Bundle,
+    assemble: impl Fn(&Network) -> Result<Bundle, Interrupted>,
     monitor: &Monitor,
     adjust: impl Fn(&Bundle, &RejectionSettings) -> Result<T, AdjustmentError>,
 ) -> Result<(Bundle, T), BundleFailure> {
@@ -83,9 +83,9 @@ fn what_holds<T>(
         ..RejectionSettings::default()
     };
     loop {
-        let bundle = assemble(network);
-        let wanted = monitor.check().map_err(AdjustmentError::from);
-        match wanted.and_then(|()| adjust(&bundle, &rejection)) {
+        let bundle = assemble(network)?;
+        monitor.check()?;
+        match adjust(&bundle, &rejection) {
             Err(AdjustmentError::StationUnderdetermined { station, found })
                 if bundle.images.len() > 2 =>
             {
