@@ -13,6 +13,7 @@ mod fitting;
 mod frame;
 mod levels;
 mod patch;
+mod pen;
 mod refine;
 mod sketch;
 

@@ -32,26 +32,41 @@ pub(super) fn levels(patch: &Patch, sketch: &Sketch, segments: u8) -> Option<Lev
     let n = usize::from(segments);
     let parts: Vec<_> = (0..n)
         .map(|segment| sketch.segment(segment))
-        .chain([sketch.dot()])
+        .chain([sketch.dot_at_middles()])
         .collect();
     let unknowns = n + 4;
     let mut normal = DMatrix::<f64>::zeros(unknowns, unknowns);
     let mut right = DVector::<f64>::zeros(unknowns);
     let (mut squares, mut count) = (0.0, 0.0);
     let mut row: Vec<(usize, f64)> = Vec::with_capacity(unknowns);
+    // What the parts give to a line of pixels, from a column on.
+    let mut of_line: Vec<(usize, usize, &[f32])> = Vec::with_capacity(unknowns);
+    let mut line_of_parts = None;
     for (column, line, grey) in patch.pixels() {
+        if line_of_parts.replace(line) != Some(line) {
+            of_line.clear();
+            for (unknown, part) in parts.iter().enumerate() {
+                let (from, shares) = part.row(line);
+                if !shares.is_empty() {
+                    of_line.push((unknown, from, shares));
+                }
+            }
+        }
         let away = away(patch, column, line);
         row.clear();
-        for (unknown, part) in parts.iter().enumerate() {
-            let share = part.value(column, line);
+        for &(unknown, from, shares) in &of_line {
+            let place = column.checked_sub(from);
+            let share = place.and_then(|place| shares.get(place)).copied();
+            let share = share.map_or(0.0, f64::from);
             if share > LEAST_SHARE {
                 row.push((unknown, share));
             }
         }
         row.extend([(n + 1, 1.0), (n + 2, away.x), (n + 3, away.y)]);
-        for &(i, a) in &row {
+        // The triangle that the factorisation reads.
+        for (k, &(i, a)) in row.iter().enumerate() {
             right[i] += a * grey;
-            for &(j, b) in &row {
+            for &(j, b) in &row[..=k] {
                 normal[(i, j)] += a * b;
             }
         }

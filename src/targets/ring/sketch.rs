@@ -4,22 +4,18 @@
 //! the rest. Edges softened so little are straight and stand by themselves, so the drawing is right to some 1e-3 of the contrast
 //! wherever dot, ring and segments run into one another under the blur.
 
-use std::f64::consts::TAU;
-
 use nalgebra::Vector2;
-use wide::f32x4;
+use pulp::NullaryFnOnce;
 
-use super::first_look::OUTER;
 use super::frame::RingFrame;
 use super::patch::Patch;
+use super::pen::{Borders, Pen, Strokes};
+use crate::targets::lanes::{LANES, Lanes, run};
 
 /// Standard deviation of the softened edges, pixels.
 const SOFT: f64 = 0.35;
 /// Nodes a pixel.
 const NODES: f64 = 2.0;
-
-/// Inner edge of the ring, in radii of the dot.
-const INNER: f64 = 2.0;
 
 /// What the drawing shows at a node.
 #[derive(Clone, Copy, Default)]
@@ -53,6 +49,10 @@ impl Span {
         self.rows = [self.rows[0].min(row), self.rows[1].max(row + 1)];
     }
 
+    fn height(&self) -> usize {
+        self.rows[1].saturating_sub(self.rows[0])
+    }
+
     /// Wider by `reach` on every side, within the nodes.
     fn wider(&self, reach: usize, columns: usize, rows: usize) -> Self {
         let wider = |[first, end]: [usize; 2], most: usize| {
@@ -81,6 +81,7 @@ pub(super) struct Sketch {
 /// A blurred picture on the nodes.
 pub(super) struct Blurred {
     span: Span,
+    stride: usize,
     values: Vec<f32>,
 }
 
@@ -106,51 +107,37 @@ impl Sketch {
             half_width: pen.half_width as f32,
             kernel: kernel((blur * blur - soft * soft).sqrt() * NODES),
         };
-        for row in 0..rows {
-            let y = row as f64 / NODES - frame.centre.y;
-            let Some(ends) = pen.along_row(y) else {
-                continue;
-            };
-            let [first, end] =
-                ends.map(|x| ((x + frame.centre.x) * NODES).clamp(0.0, columns as f64));
-            for begin in (first as usize..(end.ceil() as usize).min(columns)).step_by(LANES) {
-                let x = begin as f64 / NODES - frame.centre.x;
-                if let Some(strokes) = pen.strokes(x as f32, y as f32) {
-                    sketch.take(row, begin, &strokes);
-                }
-            }
-        }
+        run(Drawing {
+            pen: &pen,
+            centre: frame.centre,
+            sketch: &mut sketch,
+        });
         Some(sketch)
     }
 
     /// Takes neighbouring nodes of a row from the pen.
+    #[inline(always)]
     fn take(&mut self, row: usize, begin: usize, strokes: &Strokes) {
-        let segments = self.segments.len() as f32;
-        for lane in 0..LANES.min(self.columns - begin) {
-            let column = begin + lane;
-            let mut node = Node {
-                dot: strokes.dot[lane],
-                ring: strokes.ring[lane],
-                ..Node::default()
-            };
+        let last = self.segments.len() - 1;
+        let borders = Borders::near(strokes, self.segments.len(), self.half_width);
+        let end = self.columns.min(begin + LANES);
+        let nodes = &mut self.nodes[row * self.columns..][begin..end];
+        for ((lane, column), node) in (begin..end).enumerate().zip(nodes) {
+            node.dot = strokes.dot.0[lane];
             if node.dot > 0.0 {
                 self.dot.add(column, row);
             }
-            if node.ring > 0.0 {
-                let turn = strokes.turn[lane] * segments;
-                let turn = if turn < 0.0 { turn + segments } else { turn };
-                let segment = (turn as usize).min(self.segments.len() - 1);
-                let within = turn - segment as f32;
-                let (step, border) = if within < 0.5 {
-                    (self.segments.len() - 1, within)
-                } else {
-                    (1, 1.0 - within)
+            if strokes.ring.0[lane] > 0.0 {
+                let segment = borders.segment.0[lane] as usize;
+                let neighbour = match (borders.within.0[lane] < 0.5, segment) {
+                    (true, 0) => last,
+                    (true, segment) => segment - 1,
+                    (false, segment) if segment == last => 0,
+                    (false, segment) => segment + 1,
                 };
-                let neighbour = (segment + step) % self.segments.len();
-                let distance = border / segments * strokes.per_turn[lane];
-                node.mix = soft(f32x4::splat(-distance)).to_array()[0];
-                node.line =
-                    node.ring * 0.75 * (1.0 - distance * distance).max(0.0) / self.half_width;
+                node.ring = strokes.ring.0[lane];
+                node.mix = borders.mix.0[lane];
+                node.line = borders.line.0[lane];
                 node.segment = segment as u8;
                 node.neighbour = neighbour as u8;
                 self.segments[segment].add(column, row);
@@ -158,7 +145,6 @@ impl Sketch {
                     self.segments[neighbour].add(column, row);
                 }
             }
-            self.nodes[row * self.columns + column] = node;
         }
     }
 
@@ -167,10 +153,15 @@ impl Sketch {
         self.blurred(self.dot, |node| node.dot)
     }
 
+    /// What the dot gives at the middles of pixels.
+    pub(super) fn dot_at_middles(&self) -> Middles {
+        self.at_middles(self.dot, |node| node.dot)
+    }
+
     /// What one segment gives where it is light.
-    pub(super) fn segment(&self, segment: usize) -> Blurred {
+    pub(super) fn segment(&self, segment: usize) -> Middles {
         let own = segment as u8;
-        self.blurred(self.segments[segment], |node| {
+        self.at_middles(self.segments[segment], |node| {
             if node.segment == own {
                 node.ring * (1.0 - node.mix)
             } else if node.neighbour == own {
@@ -183,12 +174,8 @@ impl Sketch {
 
     /// What the whole ring gives, its segments light to these shares.
     pub(super) fn ring(&self, light: &[f32]) -> Blurred {
-        let all = Span {
-            columns: [0, self.columns],
-            rows: [0, self.rows],
-        };
         let share = |segment: u8| light[usize::from(segment)];
-        self.blurred(all, |node| {
+        self.blurred(self.all(), |node| {
             if node.ring > 0.0 {
                 let own = share(node.segment);
                 node.ring * (own + node.mix * (share(node.neighbour) - own))
@@ -199,62 +186,103 @@ impl Sketch {
     }
 
     /// What lines along all borders between segments give, per pixel of their width.
-    pub(super) fn lines(&self) -> Blurred {
-        let all = Span {
+    pub(super) fn lines(&self) -> Middles {
+        self.at_middles(self.all(), |node| node.line)
+    }
+
+    /// All nodes.
+    fn all(&self) -> Span {
+        Span {
             columns: [0, self.columns],
             rows: [0, self.rows],
-        };
-        self.blurred(all, |node| node.line)
+        }
     }
 
     fn blurred(&self, drawn: Span, value: impl Fn(&Node) -> f32) -> Blurred {
-        if drawn.rows[0] >= drawn.rows[1] {
-            return Blurred {
-                span: Span {
-                    columns: [0; 2],
-                    rows: [0; 2],
-                },
-                values: Vec::new(),
-            };
-        }
         let reach = self.kernel.len() - 1;
         let span = drawn.wider(reach, self.columns, self.rows);
-        let width = span.columns[1] - span.columns[0];
-        let height = span.rows[1] - span.rows[0];
-        // Every row has room for the kernel on either side.
-        let mut line = vec![0.0_f32; width + 2 * reach];
-        let mut across = vec![0.0_f32; width * height];
-        for row in drawn.rows[0]..drawn.rows[1] {
-            line.fill(0.0);
-            let nodes = &self.nodes[row * self.columns..][drawn.columns[0]..drawn.columns[1]];
-            let first = reach + drawn.columns[0] - span.columns[0];
+        let stride = padded(span.columns);
+        // A row with room for the kernel on either side.
+        let mut line = vec![0.0_f32; stride + 2 * reach];
+        let first = reach + drawn.columns[0].saturating_sub(span.columns[0]);
+        let taps: Vec<Tap> = self.taps().collect();
+        let mut across = vec![0.0_f32; stride * drawn.height()];
+        for (out, nodes) in across.chunks_mut(stride.max(1)).zip(self.nodes_of(drawn)) {
             for (slot, node) in line[first..].iter_mut().zip(nodes) {
                 *slot = value(node);
             }
-            let out = &mut across[(row - span.rows[0]) * width..][..width];
-            for (tap, weight) in self.taps() {
-                for (out, &value) in out.iter_mut().zip(&line[tap..]) {
-                    *out += weight * value;
-                }
-            }
+            weighted_sum(out, &line, &taps);
         }
-        let mut values = vec![0.0_f32; width * height];
-        let drawn_rows = [drawn.rows[0] - span.rows[0], drawn.rows[1] - span.rows[0]];
-        for (row, out) in values.chunks_mut(width).enumerate() {
-            for (tap, weight) in self.taps() {
-                // The source of a tap is row + tap - reach.
-                let source = (row + tap).wrapping_sub(reach);
-                if (drawn_rows[0]..drawn_rows[1]).contains(&source) {
-                    for (out, &value) in out.iter_mut().zip(&across[source * width..]) {
-                        *out += weight * value;
-                    }
-                }
-            }
+        Blurred {
+            values: self.blurred_along_columns(&across, drawn, stride, span.rows, 1),
+            span,
+            stride,
         }
-        Blurred { span, values }
     }
 
-    fn taps(&self) -> impl Iterator<Item = (usize, f32)> {
+    /// The same at the middles of pixels only, which are the odd nodes: a quarter of the sums.
+    fn at_middles(&self, drawn: Span, value: impl Fn(&Node) -> f32) -> Middles {
+        let reach = self.kernel.len() - 1;
+        let span = drawn.wider(reach, self.columns, self.rows);
+        let [columns, rows] = [span.columns, span.rows].map(|[first, end]| [first / 2, end / 2]);
+        let stride = padded(columns);
+        // Every other node of a row, then the others, both from the first one that the sum of the first pixel takes.
+        let begin = 2 * columns[0] + 1;
+        let half = stride + reach + 1;
+        let place = |node: usize| node / 2 + node % 2 * half;
+        let mut line = vec![0.0_f32; 2 * half];
+        let of_half = |(at, weight): Tap| (place(at), weight);
+        let taps: Vec<Tap> = self.taps().map(of_half).collect();
+        let mut across = vec![0.0_f32; stride * drawn.height()];
+        for (out, nodes) in across.chunks_mut(stride.max(1)).zip(self.nodes_of(drawn)) {
+            for (node, column) in nodes.iter().zip(drawn.columns[0]..) {
+                if let Some(from_begin) = (column + reach).checked_sub(begin) {
+                    line[place(from_begin)] = value(node);
+                }
+            }
+            weighted_sum(out, &line, &taps);
+        }
+        let middles = [2 * rows[0] + 1, 2 * rows[1]];
+        Middles {
+            values: self.blurred_along_columns(&across, drawn, stride, middles, 2),
+            columns,
+            rows,
+            stride,
+        }
+    }
+
+    /// The blur along columns of the rows that are drawn, as they are blurred along themselves: at every `step`-th of `rows`.
+    fn blurred_along_columns(
+        &self,
+        across: &[f32],
+        drawn: Span,
+        stride: usize,
+        [first, end]: [usize; 2],
+        step: usize,
+    ) -> Vec<f32> {
+        let reach = self.kernel.len() - 1;
+        let rows = (first..end).step_by(step);
+        let mut values = vec![0.0_f32; stride * rows.len()];
+        let mut taps: Vec<Tap> = Vec::with_capacity(2 * reach + 1);
+        for (row, out) in rows.zip(values.chunks_mut(stride.max(1))) {
+            taps.clear();
+            taps.extend(self.taps().filter_map(|(tap, weight)| {
+                // The source of a tap is row + tap - reach.
+                let source = (row + tap).checked_sub(reach + drawn.rows[0])?;
+                (source < drawn.height()).then_some((source * stride, weight))
+            }));
+            weighted_sum(out, across, &taps);
+        }
+        values
+    }
+
+    /// The nodes of a part, row by row.
+    fn nodes_of(&self, part: Span) -> impl Iterator<Item = &[Node]> {
+        let rows = part.rows[0]..part.rows[1];
+        rows.map(move |row| &self.nodes[row * self.columns..][part.columns[0]..part.columns[1]])
+    }
+
+    fn taps(&self) -> impl Iterator<Item = Tap> {
         let half = self.kernel.len() - 1;
         (0..=2 * half).map(move |tap| (tap, self.kernel[tap.abs_diff(half)]))
     }
@@ -271,107 +299,81 @@ fn kernel(sigma: f64) -> Vec<f32> {
     weights.iter().map(|weight| (weight / sum) as f32).collect()
 }
 
-/// Nodes drawn at once.
-const LANES: usize = 4;
-
-/// What draws the nodes.
-struct Pen {
-    /// From the picture to the plane before the perspective, its columns.
-    back: [Vector2<f64>; 2],
-    tilt: Vector2<f64>,
-    /// Half the width of a soft edge, pixels.
-    half_width: f64,
-    dot_radius: f64,
-    /// Nothing is drawn beyond this radius, perspective left out.
-    reach: f64,
+/// All nodes of a sketch, to be drawn.
+struct Drawing<'a> {
+    pen: &'a Pen,
+    centre: Vector2<f64>,
+    sketch: &'a mut Sketch,
 }
 
-/// Neighbouring nodes as drawn.
-struct Strokes {
-    dot: [f32; LANES],
-    ring: [f32; LANES],
-    /// Direction as a share of the turn, -0.5 to 0.5.
-    turn: [f32; LANES],
-    /// Half widths of a soft edge to a full turn.
-    per_turn: [f32; LANES],
-}
+impl NullaryFnOnce for Drawing<'_> {
+    type Output = ();
 
-impl Pen {
-    fn new(frame: &RingFrame, half_width: f64, dot_radius: f64) -> Option<Self> {
-        let back = frame.map.try_inverse()?;
-        let tilt = frame.tilt.norm();
-        let reach = OUTER + half_width * back.norm() * (1.0 + 4.0 * tilt);
-        Some(Self {
-            back: [back.column(0).into(), back.column(1).into()],
-            tilt: frame.tilt,
-            half_width,
-            dot_radius,
-            reach: reach / (1.0 - tilt * reach).max(0.2),
-        })
-    }
-
-    /// Between which places from the centre a row at `y` from the centre is drawn.
-    fn along_row(&self, y: f64) -> Option<[f64; 2]> {
-        let [by_x, by_y] = &self.back;
-        let (a, b) = (by_x.norm_squared(), by_x.dot(by_y) * y);
-        let c = by_y.norm_squared() * y * y - self.reach * self.reach;
-        let root = (b * b - a * c).sqrt();
-        (root >= 0.0).then(|| [(-b - root) / a, (root - b) / a])
-    }
-
-    /// Draws the nodes from `x`, `y` from the centre on along the row; `None` where nothing is seen.
-    fn strokes(&self, x: f32, y: f32) -> Option<Strokes> {
-        let all = |value: f64| f32x4::splat(value as f32);
-        let one = f32x4::ONE;
-        let [by_x, by_y] = &self.back;
-        let xs = f32x4::splat(x) + f32x4::from([0.0, 1.0, 2.0, 3.0]) * all(1.0 / NODES);
-        let ys = f32x4::splat(y);
-        let affine = [
-            all(by_x.x) * xs + all(by_y.x) * ys,
-            all(by_x.y) * xs + all(by_y.y) * ys,
-        ];
-        let (tilt_x, tilt_y) = (all(self.tilt.x), all(self.tilt.y));
-        let scale = one / (one - tilt_x * affine[0] - tilt_y * affine[1]).max(all(0.1));
-        let plane = affine.map(|value| value * scale);
-        let radius = (plane[0] * plane[0] + plane[1] * plane[1])
-            .sqrt()
-            .max(all(1e-6));
-        let outward = plane.map(|value| value / radius);
-        // Derivative of the plane by the picture: scale (I + plane tilt^T) back; softness of an edge with this normal.
-        let softness = |along_x: f32x4, along_y: f32x4| {
-            let by = [by_x, by_y].map(|by| all(by.x) * along_x + all(by.y) * along_y);
-            (by[0] * by[0] + by[1] * by[1]).sqrt() * scale * all(self.half_width)
-        };
-        let across = softness(outward[0] + tilt_x * radius, outward[1] + tilt_y * radius);
-        let sharpness = one / across;
-        let dot = soft((all(self.dot_radius) - radius) * sharpness);
-        let ring =
-            soft((radius - all(INNER)) * sharpness) * soft((all(OUTER) - radius) * sharpness);
-        let (dot, ring) = (dot.to_array(), ring.to_array());
-        let drawn = |shares: &[f32; LANES]| shares.iter().any(|&share| share > 0.0);
-        if !drawn(&ring) {
-            return drawn(&dot).then_some(Strokes {
-                dot,
-                ring,
-                turn: [0.0; LANES],
-                per_turn: [0.0; LANES],
-            });
+    #[inline(always)]
+    fn call(self) {
+        let Self {
+            pen,
+            centre,
+            sketch,
+        } = self;
+        let columns = sketch.columns;
+        let mut steps = Lanes::ZERO;
+        for (lane, step) in steps.0.iter_mut().enumerate() {
+            *step = lane as f32 / NODES as f32;
         }
-        let along = softness(-outward[1], outward[0]);
-        let turn = plane[1].atan2(plane[0]) * all(1.0 / TAU);
-        Some(Strokes {
-            dot,
-            ring,
-            turn: turn.to_array(),
-            per_turn: (radius * all(TAU) / along).to_array(),
-        })
+        for row in 0..sketch.rows {
+            let y = row as f64 / NODES - centre.y;
+            let Some(ends) = pen.along_row(y) else {
+                continue;
+            };
+            let [first, end] = ends.map(|x| ((x + centre.x) * NODES).clamp(0.0, columns as f64));
+            for begin in (first as usize..(end.ceil() as usize).min(columns)).step_by(LANES) {
+                let x = begin as f64 / NODES - centre.x;
+                let xs = Lanes::splat(x as f32) + steps;
+                if let Some(strokes) = pen.strokes(xs, y as f32) {
+                    sketch.take(row, begin, &strokes);
+                }
+            }
+        }
     }
 }
 
-/// A soft step, half-way at 0, complete at 1: the integral of a parabola whose variance is 1/5.
-fn soft(t: f32x4) -> f32x4 {
-    let t = t.fast_max(f32x4::splat(-1.0)).fast_min(f32x4::ONE);
-    f32x4::splat(0.5) + t * (f32x4::splat(0.75) - f32x4::splat(0.25) * t * t)
+/// Room for a row, so that it is a whole number of lanes.
+fn padded([first, end]: [usize; 2]) -> usize {
+    end.saturating_sub(first).next_multiple_of(LANES)
+}
+
+/// Where a summand begins, and its weight.
+type Tap = (usize, f32);
+
+/// Sets a row of whole lanes to the weighted sum of others, which all lie in one list.
+fn weighted_sum(out: &mut [f32], values: &[f32], taps: &[Tap]) {
+    run(WeightedSum { out, values, taps });
+}
+
+struct WeightedSum<'a> {
+    out: &'a mut [f32],
+    values: &'a [f32],
+    taps: &'a [Tap],
+}
+
+impl NullaryFnOnce for WeightedSum<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        for (chunk, out) in self.out.chunks_exact_mut(LANES).enumerate() {
+            let mut sums = Lanes::ZERO;
+            for &(at, weight) in self.taps {
+                let mut values = Lanes::ZERO;
+                values
+                    .0
+                    .copy_from_slice(&self.values[at + chunk * LANES..][..LANES]);
+                sums += Lanes::splat(weight) * values;
+            }
+            out.copy_from_slice(&sums.0);
+        }
+    }
 }
 
 impl Blurred {
@@ -379,15 +381,10 @@ impl Blurred {
         let [left, right] = self.span.columns;
         let [top, bottom] = self.span.rows;
         if (left..right).contains(&x) && (top..bottom).contains(&y) {
-            f64::from(self.values[(y - top) * (right - left) + x - left])
+            f64::from(self.values[(y - top) * self.stride + x - left])
         } else {
             0.0
         }
-    }
-
-    /// Value at the middle of a pixel.
-    pub(super) fn value(&self, column: usize, row: usize) -> f64 {
-        self.node(2 * column + 1, 2 * row + 1)
     }
 
     /// Value, derivatives along columns and rows, and Laplacian at the middle of a pixel, per pixel.
@@ -401,6 +398,37 @@ impl Blurred {
             slope: Vector2::new(right - left, down - up),
             laplacian: 4.0 * (left + right + up + down - 4.0 * value),
         }
+    }
+}
+
+/// A blurred picture at the middles of a rectangle of pixels, the ends excluded; beyond them it is 0.
+#[derive(Default)]
+pub(super) struct Middles {
+    columns: [usize; 2],
+    rows: [usize; 2],
+    stride: usize,
+    values: Vec<f32>,
+}
+
+impl Middles {
+    /// Its values in a row of pixels, from the first column on; none where it is 0.
+    pub(super) fn row(&self, row: usize) -> (usize, &[f32]) {
+        let [left, right] = self.columns;
+        if (self.rows[0]..self.rows[1]).contains(&row) {
+            let begin = (row - self.rows[0]) * self.stride;
+            (left, &self.values[begin..begin + right - left])
+        } else {
+            (left, &[])
+        }
+    }
+
+    /// Value at the middle of a pixel.
+    pub(super) fn value(&self, column: usize, row: usize) -> f64 {
+        let (left, values) = self.row(row);
+        let place = column.checked_sub(left);
+        place
+            .and_then(|place| values.get(place))
+            .map_or(0.0, |&value| f64::from(value))
     }
 }
 
