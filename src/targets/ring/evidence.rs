@@ -8,7 +8,9 @@
 //!   and the noise is strong;
 //! - the borders: how far along the ring each one between light and dark is from the grid, and how wide a line lies on the others, by
 //!   least squares over their pixels: once in the scene as it fits best, and once with the scene left free, for a scene gives way to
-//!   a border that is off, the more the fewer borders there are. Print may make all light segments wider or narrower alike;
+//!   a border that is off, the more the fewer borders there are. Print may make all light segments wider or narrower alike. In the same
+//!   way how far each border leans from the radius that it should lie on: of two covers that hide whole segments but for a wedge neither
+//!   shifts a border by much;
 //! - the levels of whole segments, alone and of neighbours together, which show slighter differences in grey.
 //!
 //! What cannot be told: a cover of the ground's own grey whose borders lie in dark segments or on the grid leaves the picture of
@@ -18,7 +20,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Cholesky, Const, Vector2};
 
-use super::first_look::MIDDLE;
+use super::first_look::{MIDDLE, OUTER};
 use super::fitting::{Fitted, shown};
 use super::patch::Patch;
 use super::refine::{ByScene, Compared, Equations, UNKNOWNS};
@@ -29,6 +31,9 @@ const FRAME_PX: f64 = 0.12;
 const BORDER_PX: f64 = 0.12;
 /// How far a border may be from where the rest, left free to give way to it, has it.
 const FREE_BORDER_PX: f64 = 0.26;
+/// What a border's ends may be off as it leans, as a multiple of what the whole of it may: half as much is known of them. True codes of all
+/// sizes and incidences reach 1.0 times that, those in photographs half of it.
+const LEANING: f64 = 2.0;
 /// How much wider light segments may be on either side, radians at the ring's middle: standard deviation.
 const GROWTH: f64 = 0.006;
 /// Unevenness of what is dark, as a share of the contrast.
@@ -124,6 +129,30 @@ impl Border {
     }
 }
 
+/// How far a border between a light and a dark segment leans: by what its outer end is forward and its inner one behind.
+#[derive(Clone, Copy)]
+struct Lean {
+    ends: Border,
+    /// Its product with the shift of the whole border.
+    with_shift: f64,
+}
+
+impl Lean {
+    fn nothing() -> Self {
+        Self {
+            ends: Border::nothing(),
+            with_shift: 0.0,
+        }
+    }
+
+    /// `by` is the derivative by the shift, `radius` that of the pixel in radii of the dot.
+    fn add(&mut self, pixel: &Compared, by: f64, radius: f64) {
+        let lever = ((radius - MIDDLE) / (OUTER - MIDDLE)).clamp(-1.0, 1.0);
+        self.ends.add(pixel, lever * by);
+        self.with_shift += pixel.weight * lever * by * by;
+    }
+}
+
 /// What gives way to a border that is off.
 struct Rest {
     factor: Cholesky<f64, Const<UNKNOWNS>>,
@@ -199,6 +228,7 @@ pub(super) fn ring_evidence(patch: &Patch, fitted: &Fitted) -> Option<RingEviden
     let lines = fitted.sketch.lines();
     let mut cracks = vec![Border::nothing(); segments];
     let mut borders = vec![Border::nothing(); segments];
+    let mut leans = vec![Lean::nothing(); segments];
     let shown = shown(&fitted.shares);
     let equations = scene.equations(patch, &fitted.sketch, &shown, f64::INFINITY, |pixel| {
         let seen = pixel.seen;
@@ -215,7 +245,10 @@ pub(super) fn ring_evidence(patch: &Patch, fitted: &Fitted) -> Option<RingEviden
         };
         // The picture as a border goes forward by a radian.
         let turned = scene.frame.map * Vector2::new(-pixel.affine.y, pixel.affine.x);
-        borders[place.border].add(pixel, -seen.light * seen.ring.slope.dot(&turned));
+        let by = -seen.light * seen.ring.slope.dot(&turned);
+        borders[place.border].add(pixel, by);
+        let radius = pixel.affine.norm() / (1.0 - scene.frame.tilt.dot(&pixel.affine));
+        leans[place.border].add(pixel, by, radius);
         let line = lines.value(pixel.column, pixel.row);
         cracks[place.border].add(pixel, seen.light * line);
         squares += off * off;
@@ -232,8 +265,10 @@ pub(super) fn ring_evidence(patch: &Patch, fitted: &Fitted) -> Option<RingEviden
         } else {
             let (sin, cos) = (TAU * index as f64 / segments as f64).sin_cos();
             let px = MIDDLE * (scene.frame.map * Vector2::new(-sin, cos)).norm();
-            let with_growth = outward(light) * borders[index].square;
-            rest.departure(&borders[index], with_growth, px)
+            let (border, lean) = (&borders[index], &leans[index]);
+            let growth = outward(light);
+            let leaning = rest.departure(&lean.ends, growth * lean.with_shift, px) / LEANING;
+            leaning.max(rest.departure(border, growth * border.square, px))
         };
         departures[index] = departures[index].max(departure);
     }
