@@ -97,6 +97,12 @@ fn a_cover_that_leaves_wedges_at_borders_is_doubted() {
 }
 
 #[test]
+fn a_cover_half_of_which_looks_like_a_slope_of_the_ground_is_doubted() {
+    let tally = once(14, "cover, its own grey", 224_512);
+    assert_eq!((tally.wrong, tally.wrong_doubtful), (0, 1), "{tally:?}");
+}
+
+#[test]
 fn plain_targets_that_look_like_a_code_by_all_strains_together_are_doubted() {
     // Perspective, blur and light of the dot are each just within what happens.
     let tally = once(14, "plain", 2857);
