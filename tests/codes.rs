@@ -97,6 +97,12 @@ fn a_cover_that_leaves_wedges_at_borders_is_doubted() {
 }
 
 #[test]
+fn plain_targets_in_the_place_of_two_segments_are_doubted() {
+    let tally = once(12, "plain", 347_500);
+    assert_eq!((tally.wrong, tally.wrong_doubtful), (0, 1), "{tally:?}");
+}
+
+#[test]
 fn a_cover_half_of_which_looks_like_a_slope_of_the_ground_is_doubted() {
     let tally = once(14, "cover, its own grey", 224_512);
     assert_eq!((tally.wrong, tally.wrong_doubtful), (0, 1), "{tally:?}");

@@ -5,8 +5,10 @@
 //! ([`first_look`]). Then the picture is explained as a whole: the code's picture is computed as a camera would see it
 //! ([`sketch`]), the levels of all segments come from one least-squares fit ([`levels`]), the frame, the perspective and the blur from
 //! the next ([`refine`]), in turn until the number stays ([`fitting`]). At last the picture is held against the one that the number
-//! says ([`evidence`]): where a part departs, the reading carries a doubt.
+//! says ([`evidence`]), and against plain targets in the place of its segments ([`discs`]): where a part departs, or they explain it
+//! as well, the reading carries a doubt.
 
+mod discs;
 mod evidence;
 mod first_look;
 mod fitting;
@@ -17,6 +19,7 @@ mod pen;
 mod refine;
 mod sketch;
 
+use self::discs::discs_against_code;
 use self::evidence::{RingEvidence, ring_evidence};
 use self::first_look::{Grid, MIDDLE, changes, may_be_ring};
 use self::fitting::{Fitted, fitted};
@@ -178,7 +181,7 @@ fn decide(patch: &Patch, dot: &MeasuredDot, fits: &[Fitted]) -> RingOutcome {
         segments,
         id,
         misfit: misfit(best),
-        doubt: doubt(patch, dot.dot.major_px, best, rival, &found, &evidence),
+        doubt: doubt(patch, dot, best, rival, &found, &evidence),
         evidence,
         frame: best.scene.frame.back_from(patch.corner, patch.step),
     })
@@ -195,10 +198,9 @@ fn misfit(fit: &Fitted) -> f64 {
     (squares / fit.shares.len() as f64).sqrt()
 }
 
-/// `across_px` is the longer axis of the dot.
 fn doubt(
     patch: &Patch,
-    across_px: f64,
+    dot: &MeasuredDot,
     best: &Fitted,
     rival: Option<&Fitted>,
     found: &RingEvidence,
@@ -220,9 +222,13 @@ fn doubt(
     /// The same with what departs, both as multiples of what is tolerated: a part of such a cover is taken for a slope, the rest departs. True
     /// codes: 1.0 at most in computed pictures, 1.16 for all but two of a thousand in photographs.
     const LARGEST_WITH_DEPARTURE: f64 = 1.2;
+    /// What plain targets in the place of the segments leave unexplained, as a multiple of what the code leaves. True codes: 6.5 at least in
+    /// photographs, 1.08 in computed pictures but where the dot is less than three pixels wide; 0.5 for plain targets that read as a code.
+    const LEAST_OF_DISCS: f64 = 1.0;
     if let Some(rival) = rival {
         return Some(format!("reads as ring{} as well", rival.segments()));
     }
+    let across_px = dot.dot.major_px;
     if across_px < LEAST_DOT_PX {
         return Some(format!(
             "its dot is {across_px:.1} px across: other dots beside one so small look like segments"
@@ -255,6 +261,10 @@ fn doubt(
     }
     if best.slope() > LARGEST_SLOPE {
         return Some("the light falls off across the ring".into());
+    }
+    let frame = RingFrame::of_dot(dot)?.within(patch.corner, patch.step);
+    if discs_against_code(patch, &frame, best).is_some_and(|rest| rest < LEAST_OF_DISCS) {
+        return Some("plain targets in the place of its segments explain the picture as well".into());
     }
     None
 }
