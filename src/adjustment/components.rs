@@ -90,7 +90,8 @@ pub struct ComponentAdjustment {
     pub problem: BundleProblem,
     /// Its adjustment.
     pub adjustment: Adjustment,
-    /// What each group's sigmas were multiplied by; `None` where it has too little redundancy and they stay.
+    /// What each group's sigmas were multiplied by; `None` where they stay: it has too little redundancy, or no residuals. One that
+    /// comes to have too little redundancy on the way keeps what was found before.
     pub components: Vec<Option<VarianceComponent>>,
 }
 
@@ -112,19 +113,24 @@ pub fn adjust_with_components(
     let mut total: Vec<Option<VarianceComponent>> = Vec::new();
     let mut adjustment = adjust(problem.clone(), settings, monitor)?;
     for _ in 0..ROUNDS {
-        let components = variance_components(&problem, &adjustment, groups);
-        let so_far = |group: usize| {
-            let before = total.get(group).copied().flatten();
-            before.map_or(1.0, |c| c.factor)
-        };
+        let found = variance_components(&problem, &adjustment, groups).into_iter();
+        // A group without residuals keeps its sigmas: there is nothing to learn from.
+        let found = found.map(|component| component.filter(|c| c.factor > 0.0));
+        let components: Vec<Option<VarianceComponent>> = found.collect();
+        let so_far = |group: usize| total.get(group).copied().flatten();
         total = components
             .iter()
             .enumerate()
             .map(|(group, component)| {
-                component.map(|c| VarianceComponent {
-                    factor: c.factor * so_far(group),
-                    sigma: c.sigma * so_far(group),
-                    ..c
+                let before = so_far(group);
+                let Some(c) = component else {
+                    return before;
+                };
+                let factor = before.map_or(1.0, |before| before.factor);
+                Some(VarianceComponent {
+                    factor: c.factor * factor,
+                    sigma: c.sigma * factor,
+                    ..*c
                 })
             })
             .collect();
@@ -135,8 +141,7 @@ pub fn adjust_with_components(
         }
         let factor = |group: &Option<usize>| {
             let component = group.and_then(|group| components[group]);
-            // A group without residuals keeps its sigmas: there is nothing to learn from.
-            component.map_or(1.0, |c| if c.factor > 0.0 { c.factor } else { 1.0 })
+            component.map_or(1.0, |c| c.factor)
         };
         for (observation, group) in problem.observations.iter_mut().zip(&groups.observations) {
             observation.sigma_px *= factor(group);
@@ -155,7 +160,9 @@ pub fn adjust_with_components(
 
 #[cfg(test)]
 mod tests {
-    use super::super::simulation::{Noise, Scene, bar, box_network, scene};
+    use super::super::equations::State;
+    use super::super::simulation::{Noise, Scene, Simulated, bar, box_network, scene, solve};
+    use super::super::{Datum, PointBlock};
     use super::*;
 
     /// Observations of one half of the stations are three times, bars four times less exact than their sigmas say.
@@ -221,5 +228,54 @@ mod tests {
             adjust(problem.clone(), BundleSettings::default(), &Monitor::new()).unwrap();
         let found = variance_components(&problem, &adjustment, &groups);
         assert!(found[0].is_some() && found[1].is_none());
+    }
+
+    /// Only distances are in a group.
+    fn of_distances(problem: &BundleProblem) -> ObservationGroups {
+        ObservationGroups {
+            observations: vec![None; problem.observations.len()],
+            distances: vec![Some(0); problem.distances.len()],
+        }
+    }
+
+    /// Bars that agree far better than their sigmas say lose their redundancy as soon as their sigmas say so too.
+    #[test]
+    fn a_group_that_drops_out_tells_what_it_was_multiplied_by() {
+        let mut problem = box_network(&scene(911)).problem;
+        let places = State::of(&solve(&problem).unwrap());
+        problem.distances = vec![
+            bar(&places, 0, 7, 1e-4),
+            bar(&places, 3, 21, -1e-4),
+            bar(&places, 12, 40, 1e-4),
+        ];
+        for distance in &mut problem.distances {
+            distance.sigma_mm = 1.0;
+        }
+        let groups = of_distances(&problem);
+        let (settings, monitor) = (BundleSettings::default(), Monitor::new());
+        let found = adjust_with_components(&problem, &groups, settings, &monitor).unwrap();
+        let last = variance_components(&found.problem, &found.adjustment, &groups);
+        assert_eq!(last, vec![None]);
+        let sigma = found.problem.distances[0].sigma_mm;
+        let factor = found.components[0].unwrap().factor;
+        assert!(sigma < 1e-3 && (factor - sigma).abs() < 1e-12, "{factor}");
+    }
+
+    #[test]
+    fn a_group_without_residuals_keeps_its_sigmas() {
+        let Simulated { truth, mut problem } = box_network(&Scene {
+            disturbance: 1.0,
+            ..scene(8)
+        });
+        for p in [0, 21, 37] {
+            problem.points[p] = PointBlock::fixed(truth.points[p]);
+        }
+        problem.datum = Datum::Control;
+        problem.distances = vec![bar(&truth, 0, 21, 0.0), bar(&truth, 21, 37, 0.0)];
+        let groups = of_distances(&problem);
+        let (settings, monitor) = (BundleSettings::default(), Monitor::new());
+        let found = adjust_with_components(&problem, &groups, settings, &monitor).unwrap();
+        assert_eq!(found.components, vec![None]);
+        assert_eq!(found.problem, problem);
     }
 }

@@ -12,7 +12,8 @@ use crate::geometry::{Pose, Similarity, skew};
 /// 1e-5 of a line does not fix the turn about that line.
 const HINDERED: f64 = 1e-10;
 
-/// Datum points whose normalised constraint matrix has an eigenvalue below this lie on a line (within some 1e-5).
+/// Datum points whose normalised constraint matrix has an eigenvalue below this lie on a line (within some 1e-5), or where a motion that
+/// is left free does not move them.
 const FLAT: f64 = 1e-10;
 
 /// Known coordinates that a finite motion takes less than this part of the network's size from their places have not moved.
@@ -24,6 +25,8 @@ pub(super) struct FreeMotions {
     length: f64,
     /// 7 x d: each column is one free motion (t, r, s), orthonormal.
     basis: DMatrix<f64>,
+    /// Columns before them that are motions of the frame, in which everything takes part.
+    rigid: usize,
 }
 
 /// A known coordinate with its derivative by the seven motions (t, r, s).
@@ -34,13 +37,14 @@ struct KnownCoordinate {
 }
 
 impl FreeMotions {
-    /// Images are blind to all seven; each known coordinate and distance hinders one combination.
+    /// Images are blind to all seven; each known coordinate of what is tied to the network and each distance hinders one combination.
     pub(super) fn of(problem: &BundleProblem, layout: &Layout, state: &State) -> Self {
         let (centre, length) = extent(layout, state);
         let mut free = Self {
             centre,
             length,
             basis: DMatrix::identity(7, 7),
+            rigid: 0,
         };
         let mut hindered = SMatrix::<f64, 7, 7>::zeros();
         let mut hinder = |row: SMatrix<f64, 1, 7>| {
@@ -66,7 +70,7 @@ impl FreeMotions {
         free
     }
 
-    /// All known coordinates that take part, by points and axes.
+    /// All known coordinates of points that are tied to the network, by points and axes: one of which no ray is left holds nothing.
     fn known_coordinates(
         &self,
         problem: &BundleProblem,
@@ -83,7 +87,8 @@ impl FreeMotions {
             })
         };
         let points = layout.frames.iter().map(|frame| frame.point);
-        points.flat_map(of_point).collect()
+        let tied = points.filter(|&point| layout.tied[point]);
+        tied.flat_map(of_point).collect()
     }
 
     /// The motion that brings known coordinates back to where they were `before`; `None` where they are.
@@ -131,6 +136,7 @@ impl FreeMotions {
     pub(super) fn rigid(&self) -> Self {
         Self {
             basis: DMatrix::identity(7, 6),
+            rigid: 6,
             ..*self
         }
     }
@@ -139,7 +145,11 @@ impl FreeMotions {
     pub(super) fn after_rigid(&self) -> Self {
         let mut basis = DMatrix::identity(7, 6 + self.defect());
         basis.columns_mut(6, self.defect()).copy_from(&self.basis);
-        Self { basis, ..*self }
+        Self {
+            basis,
+            rigid: 6,
+            ..*self
+        }
     }
 
     /// Whether the chosen datum takes exactly this freedom.
@@ -176,6 +186,21 @@ impl FreeMotions {
     pub(super) fn point_rows(&self, point: &Vector3<f64>) -> DMatrix<f64> {
         let rows = self.candidates(point) * &self.basis;
         DMatrix::from_column_slice(3, self.defect(), rows.as_slice())
+    }
+
+    /// [`Self::point_rows`] of a point of the problem: what nothing ties to the network takes part in motions of the frame alone.
+    pub(super) fn rows_of_point(
+        &self,
+        point: usize,
+        layout: &Layout,
+        state: &State,
+    ) -> DMatrix<f64> {
+        let mut rows = self.point_rows(&state.points[point]);
+        if !layout.tied[point] {
+            let free = self.defect() - self.rigid;
+            rows.columns_mut(self.rigid, free).fill(0.0);
+        }
+        rows
     }
 
     /// Rows of `G` of a station, 6 x d.
@@ -226,7 +251,11 @@ impl FreeMotions {
             found: layout.datum_points.len(),
             defect: self.defect(),
         };
-        if eigen.eigenvalues.min() <= FLAT * eigen.eigenvalues.max() {
+        // The motions are of unit length in the network's size and move each of its points by some 1: beside the number of the datum
+        // points is small what moves none of them, also where no other motion is free.
+        let size = eigen.eigenvalues.max();
+        let size = size.max(layout.datum_points.len() as f64);
+        if eigen.eigenvalues.min() <= FLAT * size {
             return Err(failure);
         }
         sum.try_inverse().ok_or(failure)
@@ -269,7 +298,8 @@ impl FreeMotions {
 }
 
 /// Moves the estimates by a finite similarity, which is returned, so that the datum points are neither shifted nor turned nor (if it is
-/// free) scaled against `reference`, in the mean. The linear `S` would bend the network at second order.
+/// free) scaled against `reference`, in the mean; known points that nothing ties to the network stay. The linear `S` would bend the
+/// network at second order.
 pub(super) fn move_onto_datum(
     problem: &BundleProblem,
     layout: &Layout,
@@ -302,6 +332,11 @@ pub(super) fn move_onto_datum(
         }
         if amount.norm() < NEGLIGIBLE * free.length && back.is_none() {
             break;
+        }
+    }
+    for frame in &layout.frames {
+        if !layout.tied[frame.point] {
+            state.points[frame.point] = before[frame.point];
         }
     }
     state.hold_fixed(problem);

@@ -30,16 +30,10 @@ pub(super) fn zeros(rows: usize, columns: usize) -> DMatrix<f64> {
 /// Why a front was not factorised.
 #[derive(Debug)]
 pub(super) enum NotEliminated {
-    /// It is not positive.
-    NotPositive,
+    /// The pivot of this column is not positive.
+    NotPositive { column: usize },
     /// The work was asked to stop.
     Interrupted(Interrupted),
-}
-
-impl From<factor::LltError> for NotEliminated {
-    fn from(_: factor::LltError) -> Self {
-        Self::NotPositive
-    }
 }
 
 impl From<Interrupted> for NotEliminated {
@@ -65,7 +59,11 @@ pub(super) fn eliminate(
         let panel = &mut done[start * size..];
         let panel = MatMut::from_column_major_slice_mut(panel, size, end - start);
         let (_, mut panel) = panel.split_at_row_mut(start);
-        factorise_panel(panel.rb_mut())?;
+        let factorised = factorise_panel(panel.rb_mut());
+        if let Err(factor::LltError::NonPositivePivot { index }) = factorised {
+            let column = start + index;
+            return Err(NotEliminated::NotPositive { column });
+        }
         let (_, below) = panel.rb().split_at_row(end - start);
         let (_, below_left) = below.split_at_row(width - end);
         rayon::join(
@@ -335,7 +333,11 @@ mod tests {
         let mut values = positive(300, 5);
         values[(280, 280)] = -1.0;
         let nothing = &mut DMatrix::zeros(0, 0);
-        assert!(eliminate(&mut values, nothing, &Monitor::new()).is_err());
+        let refused = eliminate(&mut values, nothing, &Monitor::new());
+        let Err(NotEliminated::NotPositive { column }) = refused else {
+            panic!("not seen");
+        };
+        assert_eq!(column, 280);
     }
 
     #[test]

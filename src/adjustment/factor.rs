@@ -301,7 +301,7 @@ fn eliminated(
         .flat_map(|&block| structure.range(block))
         .collect();
     eliminate(&mut columns, &mut left, monitor).map_err(|why| match why {
-        NotEliminated::NotPositive => NotFactorised::Loose(unknowns[0]),
+        NotEliminated::NotPositive { column } => NotFactorised::Loose(unknowns[column]),
         NotEliminated::Interrupted(interrupted) => NotFactorised::Interrupted(interrupted),
     })?;
     if let Some(j) = (0..width).find(|&j| !sound(unknowns[j], columns[(j, j)].powi(2))) {

@@ -48,7 +48,7 @@ impl STransformation {
         // H_r G: how far the frame's functionals are moved by the free motions.
         let mut moved = DMatrix::zeros(6, d);
         for (p, h) in &into_frame {
-            moved += h * free.point_rows(&state.points[*p]);
+            moved += h * free.rows_of_point(*p, layout, state);
         }
         let mut points: Vec<usize> = onto_datum
             .iter()

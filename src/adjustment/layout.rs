@@ -115,6 +115,9 @@ pub(super) struct Layout {
     /// By point, the axes of the coordinates that are unknowns, rising; the others are fixed.
     pub(super) unknown_axes: Vec<Vec<usize>>,
     pub(super) distance_used: Vec<bool>,
+    /// By point, whether a used ray or distance ties it to others: a known point without either takes part but has nothing to say of
+    /// where the network lies.
+    pub(super) tied: Vec<bool>,
     pub(super) frames: Vec<PointFrame>,
     /// Observations that take part.
     pub(super) used: Vec<bool>,
@@ -143,6 +146,12 @@ impl Layout {
             .iter()
             .map(|d| present[d.from] && present[d.to])
             .collect();
+        let mut tied: Vec<bool> = rays.iter().map(|&rays| rays > 0).collect();
+        let distances = problem.distances.iter().zip(&distance_used);
+        for (d, _) in distances.filter(|d| *d.1) {
+            tied[d.from] = true;
+            tied[d.to] = true;
+        }
         check_determined(problem, &rays, &present, &distance_used, &used)?;
         monitor.check()?;
 
@@ -210,6 +219,7 @@ impl Layout {
             roles,
             unknown_axes,
             distance_used,
+            tied,
             frames: Vec::new(),
             used,
             datum_points: Vec::new(),
@@ -251,10 +261,10 @@ impl Layout {
         Ok(layout)
     }
 
-    /// Those of the points that take part are what the datum rests on.
+    /// Those of the points that are tied to the network are what the datum rests on.
     pub(super) fn set_datum_points(&mut self, points: &[usize]) {
-        let present = points.iter().copied().filter(|&p| self.takes_part(p));
-        let mut points: Vec<usize> = present.collect();
+        let tied = points.iter().copied().filter(|&p| self.tied[p]);
+        let mut points: Vec<usize> = tied.collect();
         points.sort_unstable();
         points.dedup();
         self.datum_points = points;

@@ -240,7 +240,7 @@ pub enum ResidualPlane {
 pub enum Datum {
     /// Inner constraints over these points: against their start coordinates they are, in the mean, neither shifted nor
     /// turned nor (where no distance or known coordinate fixes the scale) scaled, and the sum of their variances is
-    /// least. Points that do not take part in the adjustment are passed over.
+    /// least. Points that do not take part in the adjustment, and known ones without rays and distances, are passed over.
     InnerConstraints {
         /// Indices into [`BundleProblem::points`].
         points: Vec<usize>,

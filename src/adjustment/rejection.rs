@@ -265,7 +265,10 @@ impl<'a> Snooping<'a> {
     pub(super) fn rays_of_points(&self) -> Vec<usize> {
         let mut rays = vec![0; self.problem.points.len()];
         for (o, used) in self.problem.observations.iter().zip(self.problem.used()) {
-            rays[o.point] += usize::from(used);
+            // The check of the input tells of a point that is not there.
+            if let Some(rays) = rays.get_mut(o.point) {
+                *rays += usize::from(used);
+            }
         }
         rays
     }

@@ -1,5 +1,6 @@
 //! Gross errors are found, and what is good stays.
 
+use super::super::ProblemPart;
 use super::super::simulation::{Noise, Scene, box_network, scene};
 use super::*;
 
@@ -87,6 +88,19 @@ fn blunders_are_found_by_the_sigmas_that_were_given_and_by_their_ratios() {
         };
         blunders_are_found(&settings, sigma_factor);
     }
+}
+
+#[test]
+fn an_observation_of_a_point_that_is_not_there_is_refused() {
+    let mut problem = box_network(&scene(14)).problem;
+    problem.observations[3].point = problem.points.len();
+    let (bundle, rejection) = (BundleSettings::default(), RejectionSettings::default());
+    let refused = adjust_with_rejection(&problem, bundle, &rejection, &Monitor::new());
+    let part = ProblemPart::Observation;
+    assert_eq!(
+        refused,
+        Err(AdjustmentError::InvalidInput { part, index: 3 })
+    );
 }
 
 #[test]

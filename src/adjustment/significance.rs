@@ -38,7 +38,8 @@ impl TestPower {
 /// Two-sided critical value of a normal deviate.
 #[must_use]
 pub fn normal_critical(level: f64) -> f64 {
-    Normal::standard().inverse_cdf(1.0 - level / 2.0)
+    // From the lower tail: one less a small level is one.
+    -Normal::standard().inverse_cdf(level / 2.0)
 }
 
 /// The level whose two-sided critical value of a normal deviate this is.
@@ -50,8 +51,31 @@ pub fn normal_level(critical: f64) -> f64 {
 /// Two-sided critical value of Student's t with `freedom` degrees of freedom (> 0).
 #[must_use]
 pub fn student_critical(level: f64, freedom: f64) -> Option<f64> {
+    /// Below this level the steps of the quantile's own iteration may overflow, so that it does not end.
+    const LEAST_INVERTED: f64 = 1e-16;
     let student = StudentsT::new(0.0, 1.0, freedom).ok()?;
-    Some(student.inverse_cdf(1.0 - level / 2.0))
+    if level >= LEAST_INVERTED {
+        // From the lower tail: one less a small level is one.
+        return Some(-student.inverse_cdf(level / 2.0));
+    }
+    // The upper tail itself keeps its digits: where it falls to the level is found by bisection.
+    let is_short = |t: f64| student.sf(t) > level / 2.0;
+    let mut high = 1.0_f64;
+    while high.is_finite() && is_short(high) {
+        high *= 2.0;
+    }
+    let mut low = high / 2.0;
+    loop {
+        let middle = (low + high) / 2.0;
+        if middle <= low || middle >= high {
+            return Some(high);
+        }
+        if is_short(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
 }
 
 /// Two-sided critical value of Pope's tau (1976) for residuals over their own a-posteriori standard deviation:
@@ -60,7 +84,14 @@ pub fn student_critical(level: f64, freedom: f64) -> Option<f64> {
 pub fn tau_critical(level: f64, redundancy: usize) -> Option<f64> {
     let r = redundancy as f64;
     let t = student_critical(level, r - 1.0)?;
-    Some((r * t * t / (r - 1.0 + t * t)).sqrt())
+    let scaled = r * t * t;
+    // For ever larger t the limit is r.
+    let square = if scaled.is_finite() {
+        scaled / (r - 1.0 + t * t)
+    } else {
+        r
+    };
+    Some(square.sqrt())
 }
 
 /// What the test of sigma0 found.
@@ -186,6 +217,19 @@ mod tests {
             (3.0 * 3.098f64).sqrt(),
             1e-3,
         );
+    }
+
+    #[test]
+    fn the_smallest_levels_have_critical_values() {
+        let level = normal_level(12.0);
+        assert!((normal_critical(level) - 12.0).abs() < 1e-8);
+        // With many degrees of freedom it falls short of the normal value by its cube over 4 r, 0.02.
+        let tau = tau_critical(level, 20_000).unwrap();
+        assert!((11.95..12.0).contains(&tau), "{tau}");
+        for level in [normal_level(9.0), 1e-40, 0.0] {
+            let tau = tau_critical(level, 3).unwrap();
+            assert!((tau - 3f64.sqrt()).abs() < 1e-9, "{tau} at {level}");
+        }
     }
 
     #[test]

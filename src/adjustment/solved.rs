@@ -339,7 +339,7 @@ impl SolvedNetwork {
         let g = match part {
             Part::Camera(_) | Part::Interior(_) => DMatrix::zeros(10, motions.defect()),
             Part::Station(index) => motions.station_rows(&self.state.poses[index]),
-            Part::Point(index) => motions.point_rows(&self.state.points[index]),
+            Part::Point(index) => motions.rows_of_point(index, &self.layout, &self.state),
         };
         let of_point = match part {
             Part::Point(point) => self.frame_of(point),

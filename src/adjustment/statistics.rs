@@ -196,7 +196,7 @@ fn point_statistics(
     let regularised = *own;
     let g = transformation
         .motions
-        .point_rows(&state.points[frame.point]);
+        .rows_of_point(frame.point, layout, state);
     let c = &transformation.points[at];
     let rays = frame.rays.iter().filter_map(|ray| {
         let equation = equations.rays[ray.observation].as_ref()?;

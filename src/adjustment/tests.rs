@@ -36,6 +36,52 @@ fn partial_control_leaves_the_remaining_freedom_to_the_inner_constraints() {
     );
 }
 
+/// Two fixed points leave the turn about their line, which moves neither.
+#[test]
+fn datum_points_that_the_remaining_motion_does_not_move_are_refused() {
+    let Simulated { truth, mut problem } = box_network(&scene(9));
+    for p in [0, 21] {
+        problem.points[p] = PointBlock::fixed(truth.points[p]);
+    }
+    let mut begin = |points: Vec<usize>| {
+        problem.datum = Datum::InnerConstraints { points };
+        BundleSolver::new(problem.clone(), BundleSettings::default(), &Monitor::new())
+    };
+    let refused = begin(vec![0, 21]).map(|_| ());
+    let wanted = AdjustmentError::DatumPoints {
+        found: 2,
+        defect: 1,
+    };
+    assert_eq!(refused, Err(wanted));
+    assert!(begin(vec![0, 21, 37]).is_ok());
+}
+
+/// Without rays the third known point does not hinder the turn about the line of the others, and does not take part in it.
+#[test]
+fn a_known_point_without_rays_does_not_fix_the_datum() {
+    let Simulated { truth, mut problem } = box_network(&Scene {
+        disturbance: 1.0,
+        ..scene(9)
+    });
+    for p in [0, 21, 37] {
+        problem.points[p] = PointBlock::control(truth.points[p], Vector3::repeat(0.02));
+    }
+    let observations = problem.observations.iter().enumerate();
+    let of_last = observations.filter(|(_, o)| o.point == 37);
+    problem.rejected = of_last.map(|(index, _)| index).collect();
+    let adjustment = solve(&problem).unwrap();
+    assert_eq!(adjustment.datum_defect, 1);
+    let unseen = &adjustment.points[37];
+    assert!((unseen.position - truth.points[37]).norm() < 1e-9);
+    let sigma = unseen.sigma_mm().unwrap() / adjustment.sigma0;
+    assert!((sigma - Vector3::repeat(0.02)).norm() < 1e-9, "{sigma}");
+    problem.datum = Datum::Control;
+    assert!(matches!(
+        solve(&problem),
+        Err(AdjustmentError::DatumDefect { defect: 1, .. })
+    ));
+}
+
 #[test]
 fn the_datum_points_keep_centre_attitude_and_scale_of_their_start_values() {
     let mut problem = box_network(&scene(5)).problem;

@@ -95,6 +95,39 @@ impl Brown {
         }
     }
 
+    /// Whether the distortion folds over neither here nor, as far as it is radial, on the way here from the principal point.
+    pub(super) fn is_unfolded(&self) -> bool {
+        self.by_point.determinant() > 0.0 && self.radius_rises()
+    }
+
+    /// Whether the derivative of the distorted radius by the radius, `1 - rad(S) + 3 K1 s + 5 K2 s^2 + 7 K3 s^3`, is positive all the way
+    /// from the principal point; then the distorted radius, its integral, is positive too.
+    fn radius_rises(&self) -> bool {
+        let (s, balance) = (self.squares, self.balance);
+        let [k1, k2, k3] = self.radial;
+        let first = 1.0 - balance * (k1 + balance * (k2 + balance * k3));
+        let (a, b, c) = (3.0 * k1, 5.0 * k2, 7.0 * k3);
+        // A bound from the falling terms alone: most lenses are far from folding over.
+        if first + s * (a.min(0.0) + s * (b.min(0.0) + s * c.min(0.0))) > 0.0 {
+            return true;
+        }
+        // It is least at an end or where its derivative `a + 2 b s + 3 c s^2` rises through zero; that is no number, or beyond the ends,
+        // where it does so nowhere.
+        let root = (b * b - 3.0 * a * c).sqrt();
+        let lowest = if b > 0.0 {
+            -a / (b + root)
+        } else {
+            (root - b) / (3.0 * c)
+        };
+        let between = if lowest > 0.0 && lowest < s {
+            lowest
+        } else {
+            s
+        };
+        let rises = |s: f64| first + s * (a + s * (b + s * c)) > 0.0;
+        rises(0.0) && rises(between) && rises(s)
+    }
+
     /// Derivative by K1, K2, K3, P1, P2, B1, B2 in the columns 3 to 9 of the ten parameters; the others are zero.
     pub(super) fn by_coefficients(&self) -> SMatrix<f64, 2, 10> {
         let Self { u, v, .. } = *self;

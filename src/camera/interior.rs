@@ -167,7 +167,7 @@ impl InteriorOrientation {
             }
             LensDirection::Displacing { .. } | LensDirection::DisplacingAffinityLast => {
                 let ideal = self.other_side(&from_point, from_point).ok()?;
-                let there = self.displacement_by_brown(&ideal);
+                let there = self.displacement_by(&self.brown(&ideal));
                 let by_measured = there.by_ideal.try_inverse()?;
                 Some(Correction {
                     ideal,
@@ -194,8 +194,8 @@ impl InteriorOrientation {
                 })
             }
             LensDirection::Displacing { .. } | LensDirection::DisplacingAffinityLast => {
-                let there = self.displacement_by_brown(ideal);
-                (there.by_ideal.determinant() > 0.0).then_some(there)
+                let brown = self.brown(ideal);
+                brown.is_unfolded().then(|| self.displacement_by(&brown))
             }
         }
     }
@@ -212,7 +212,7 @@ impl InteriorOrientation {
             }
             LensDirection::Displacing { .. } | LensDirection::DisplacingAffinityLast => {
                 let brown = self.brown(ideal);
-                (brown.by_point.determinant() > 0.0).then_some(brown.value)?
+                brown.is_unfolded().then_some(brown.value)?
             }
         };
         Some(from_point + principal_point)
@@ -240,8 +240,7 @@ impl InteriorOrientation {
         }
     }
 
-    fn displacement_by_brown(&self, ideal: &Vector2<f64>) -> Displacement {
-        let brown = self.brown(ideal);
+    fn displacement_by(&self, brown: &Brown) -> Displacement {
         let mut by_interior = brown.by_coefficients();
         by_interior
             .fixed_columns_mut::<2>(1)
@@ -394,5 +393,35 @@ mod tests {
         let mut folding = InteriorOrientation::pinhole(20.0);
         folding.radial[0] = -2e-3;
         assert_eq!(folding.measured_from_ideal(&Vector2::new(40.0, 0.0)), None);
+    }
+
+    #[test]
+    fn a_displacing_lens_images_nothing_beyond_its_fold() {
+        let cases = [
+            // r - 0.002 r^3 turns back at 12.9 mm and is mirrored from 22.4 mm on.
+            ([-2e-3, 0.0, 0.0], 12.0, true),
+            ([-2e-3, 0.0, 0.0], 40.0, false),
+            // The radius turns back at some 5 mm, and once more before 8 mm.
+            ([-2e-2, 1.5e-4, 0.0], 4.0, true),
+            ([-2e-2, 1.5e-4, 0.0], 10.0, false),
+            ([-2e-2, 0.0, 1.5e-6], 10.0, false),
+        ];
+        let displacing = LensDirection::Displacing {
+            balanced_radius_mm: 0.0,
+        };
+        for direction in [displacing, LensDirection::DisplacingAffinityLast] {
+            for (radial, x, is_imaged) in cases {
+                let lens = InteriorOrientation {
+                    radial,
+                    direction,
+                    ..InteriorOrientation::pinhole(20.0)
+                };
+                let ideal = Vector2::new(x, 0.0);
+                // At the place itself nothing is to be seen of it.
+                assert!(lens.brown(&ideal).by_point.determinant() > 0.0);
+                assert_eq!(lens.measured_from_ideal(&ideal).is_some(), is_imaged);
+                assert_eq!(lens.displacement(&ideal).is_some(), is_imaged);
+            }
+        }
     }
 }

@@ -110,20 +110,35 @@ pub(super) fn log10_accidents(
     const MOST_RAYS: usize = 5;
     let half_redundancy = (2 * rays.clamp(2, MOST_RAYS) - 3) as f64 / 2.0;
     let hits = rays.saturating_sub(2);
-    let rate = accidental_hits.max(1e-12);
+    let chance = ln_chance(hits, accidental_hits.max(1e-12)) / std::f64::consts::LN_10;
+    (pairs.max(1) as f64).log10()
+        + chance
+        + half_redundancy * fit_share.clamp(BEST_SHARE, 1.0).log10()
+}
+
+/// Natural logarithm of the chance of at least so many hits where `rate` are to be expected, by Poisson's law.
+fn ln_chance(hits: usize, rate: f64) -> f64 {
+    // So many fewer than are to be expected have a chance below 1e-8 (Chernoff, 1952).
+    if rate > 2.0 * hits as f64 + 40.0 {
+        return 0.0;
+    }
     let mut log_term = -rate;
     for i in 1..=hits {
         log_term += (rate / i as f64).ln();
     }
     let (mut sum, mut ratio) = (1.0, 1.0);
-    for i in hits + 1..hits + 60 {
-        ratio *= rate / i as f64;
+    let mut i = hits as f64;
+    loop {
+        i += 1.0;
+        ratio *= rate / i;
+        let before = sum;
         sum += ratio;
+        // The terms rise as far as the rate; from there on what is lost in rounding stays lost.
+        if i > rate && sum == before {
+            break;
+        }
     }
-    let chance = (log_term + f64::ln(sum)).min(0.0) / std::f64::consts::LN_10;
-    (pairs.max(1) as f64).log10()
-        + chance
-        + half_redundancy * fit_share.clamp(BEST_SHARE, 1.0).log10()
+    (log_term + f64::ln(sum)).min(0.0)
 }
 
 /// Whether two proposals are the same target: most of what they share agrees.
@@ -531,6 +546,14 @@ mod tests {
             log10_accidents(1, 2, 0.01, 1.0).abs() < 1e-9,
             "two rays are nothing but a pair"
         );
+    }
+
+    #[test]
+    fn as_many_hits_as_are_to_be_expected_are_no_coincidence() {
+        for (rays, rate) in [(3, 200.0), (102, 180.0), (30, 1e9)] {
+            let accidents = log10_accidents(1, rays, rate, 1.0);
+            assert!(accidents.abs() < 1e-6, "{rays} {rate}: {accidents}");
+        }
     }
 
     #[test]
