@@ -264,7 +264,9 @@ fn doubt(
     }
     let frame = RingFrame::of_dot(dot)?.within(patch.corner, patch.step);
     if discs_against_code(patch, &frame, best).is_some_and(|rest| rest < LEAST_OF_DISCS) {
-        return Some("plain targets in the place of its segments explain the picture as well".into());
+        return Some(
+            "plain targets in the place of its segments explain the picture as well".into(),
+        );
     }
     None
 }

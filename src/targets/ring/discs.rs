@@ -93,9 +93,7 @@ fn first_discs(fitted: &Fitted) -> Option<Vec<Disc>> {
     let begins = (0..count).filter(|&at| bits[at] && !bits[(at + count - 1) % count]);
     begins
         .map(|begin| {
-            let length = (0..count)
-                .take_while(|k| bits[(begin + k) % count])
-                .count();
+            let length = (0..count).take_while(|k| bits[(begin + k) % count]).count();
             let angle = length as f64 * per_segment;
             let share: f64 = (0..length)
                 .map(|k| fitted.shares[(begin + k) % count])
