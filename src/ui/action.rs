@@ -68,8 +68,13 @@ pub enum Action {
     Say(String),
     /// Something could not be done, for this reason.
     Refuse(String),
-    /// A dialog of the system answered the open form.
-    Chosen(PathBuf),
+    /// A dialog of the system answered the form that asked.
+    Chosen {
+        /// Number of the form.
+        form: u64,
+        /// The answer.
+        path: PathBuf,
+    },
     /// Save a copy of the project.
     SaveCopy(PathBuf),
     /// Name the targets by this list of approximate coordinates.

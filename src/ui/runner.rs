@@ -118,14 +118,17 @@ impl Runner {
         }
     }
 
-    /// Stops the step under way and forgets it with the edits that wait: the document goes.
-    pub fn forget(&mut self) {
+    /// Stops the step under way and forgets it: the document goes. The edits that waited for it are made; returns lines
+    /// for the operator.
+    pub fn forget(&mut self, session: &mut Session) -> Vec<String> {
         if let Some(now) = self.now.take() {
             now.monitor.interrupt();
             self.forgotten += 1;
         }
-        self.pending.clear();
         self.fault = None;
+        let mut lines = Vec::new();
+        self.make_pending(session, &mut lines);
+        lines
     }
 
     /// Takes back the last edit that waits.
@@ -180,11 +183,7 @@ impl Runner {
                     }
                 },
             };
-            for edit in std::mem::take(&mut self.pending) {
-                if let Err(error) = session.apply(&edit) {
-                    lines.push(format!("an edit could not be made any more: {error}"));
-                }
-            }
+            self.make_pending(session, &mut lines);
             match (go_on, now.monitor.is_interrupted()) {
                 (true, false) => self.begin_next(session, now.request, &mut lines),
                 // The step was finished before it heard of the interrupt.
@@ -193,6 +192,15 @@ impl Runner {
             }
         }
         lines
+    }
+
+    /// Makes the edits that waited.
+    fn make_pending(&mut self, session: &mut Session, lines: &mut Vec<String>) {
+        for edit in std::mem::take(&mut self.pending) {
+            if let Err(error) = session.apply(&edit) {
+                lines.push(format!("an edit could not be made any more: {error}"));
+            }
+        }
     }
 
     /// Begins the next step of the first stage that has one.
@@ -242,15 +250,15 @@ fn reason(session: &Session, stage: Stage, outcome: Outcome) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::network::Network;
+    use crate::network::{ImageId, ImageUse, Network};
     use std::sync::mpsc::channel;
 
     /// A project in a folder that goes when the test ends.
     struct Project(std::path::PathBuf);
 
     impl Project {
-        fn new() -> (Self, Session) {
-            let name = format!("tiepoint-runner-{}", std::process::id());
+        fn new(name: &str) -> (Self, Session) {
+            let name = format!("tiepoint-runner-{name}-{}", std::process::id());
             let file = std::env::temp_dir().join(name).with_extension("tiepoint");
             let session = Session::create(&file, Network::default()).expect("a project");
             (Self(file), session)
@@ -264,8 +272,38 @@ mod tests {
     }
 
     #[test]
+    fn edits_that_wait_for_a_step_are_made_when_the_document_goes() {
+        let (_project, mut session) = Project::new("goes");
+        let mut runner = Runner::new(|| ()).unwrap();
+        let monitor = Arc::new(Monitor::new());
+        runner.now = Some(Now {
+            request: RunRequest::Step,
+            stage: Stage::Detect,
+            title: "detect a.png".into(),
+            monitor: Arc::clone(&monitor),
+        });
+        let mut settings = session.network().settings.as_ref().clone();
+        settings.seed += 1;
+        let of_no_image = Edit::UseImage {
+            image: ImageId(1),
+            usage: ImageUse::Excluded,
+        };
+        for edit in [Edit::Settings(Box::new(settings.clone())), of_no_image] {
+            assert_eq!(runner.edit(&mut session, edit), None);
+        }
+        assert_eq!(runner.pending().len(), 2);
+
+        let lines = runner.forget(&mut session);
+
+        assert_eq!(*session.network().settings, settings);
+        assert_eq!(lines.len(), 1, "{lines:?}");
+        assert!(monitor.is_interrupted());
+        assert!(!runner.is_running() && runner.pending().is_empty());
+    }
+
+    #[test]
     fn a_step_that_panics_is_told_as_our_fault_and_the_document_stands() {
-        let (_project, mut session) = Project::new();
+        let (_project, mut session) = Project::new("panics");
         let (wake, woken) = channel();
         let mut runner = Runner::new(move || wake.send(()).expect("the test listens")).unwrap();
         let monitor = Arc::new(Monitor::new());

@@ -3,6 +3,7 @@
 use std::panic::{AssertUnwindSafe, PanicHookInfo, catch_unwind, resume_unwind, set_hook};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::channel;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use eframe::egui;
@@ -23,7 +24,7 @@ pub enum Beginning {
     Demo(DemoRequest),
 }
 
-/// Why there is no window.
+/// Why there is no window, or what was lost with it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WindowError {
     /// There is no display: work goes on headless.
@@ -40,6 +41,9 @@ pub enum WindowError {
     /// Something else is wrong.
     #[error("the window could not start: {0}")]
     Failed(String),
+    /// The window is closed, but what was done last could not be saved.
+    #[error("{0}")]
+    NotSaved(String),
 }
 
 /// Libraries through which X is reached, and the Debian packages that hold them.
@@ -84,6 +88,7 @@ pub fn open(beginning: Beginning) -> Result<(), WindowError> {
     std::panic::set_hook(Box::new(|_| {}));
     let started = Arc::new(AtomicBool::new(false));
     let (flag, hook) = (Arc::clone(&started), Arc::clone(&usual));
+    let (last_words, told) = channel();
     let result = catch_unwind(AssertUnwindSafe(|| {
         eframe::run_native(
             "tiepoint",
@@ -92,13 +97,16 @@ pub fn open(beginning: Beginning) -> Result<(), WindowError> {
                 flag.store(true, Ordering::SeqCst);
                 put_back(&hook);
                 let app = App::new(creation, beginning)?;
-                Ok(Box::new(app.remembering(state_folder())))
+                let app = app.remembering(state_folder()).telling(last_words);
+                Ok(Box::new(app))
             }),
         )
     }));
     put_back(&usual);
     match result {
-        Ok(Ok(())) => Ok(()),
+        Ok(Ok(())) => told
+            .try_recv()
+            .map_or(Ok(()), |line| Err(WindowError::NotSaved(line))),
         Ok(Err(error)) => Err(reason(&error)),
         Err(payload) if started.load(Ordering::SeqCst) => resume_unwind(payload),
         Err(payload) => {

@@ -2,7 +2,9 @@
 
 use std::fs;
 
+use egui::accesskit::Role;
 use egui::{Key, Modifiers};
+use egui_kittest::kittest::Queryable as _;
 use tiepoint::network::ImageEntry;
 use tiepoint::ui::pictures::PictureState;
 use tiepoint::ui::window::Beginning;
@@ -54,6 +56,10 @@ fn a_folder_that_is_dropped_becomes_a_project() {
     bench.drop_on_window(&folder.at("."));
     bench.rest();
     assert!(bench.has("New project"));
+    let field = bench
+        .window
+        .get_by_role_and_label(Role::TextInput, "Project file");
+    assert!(field.is_focused(), "what is typed is its path");
     bench.click("Make the project");
     bench.rest();
     let network = bench.network();

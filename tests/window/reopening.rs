@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use egui::{Key, Modifiers};
-use tiepoint::network::Network;
+use egui_kittest::kittest::Queryable as _;
+use tiepoint::network::{ImageUse, Network};
 use tiepoint::project::session::{Saving, Session};
 use tiepoint::ui::app::App;
 
@@ -79,4 +80,60 @@ fn a_window_that_goes_in_the_middle_of_a_stage_leaves_all_finished_steps() {
     let left: Vec<&String> = files.iter().filter(|n| n.starts_with("p.tiep")).collect();
     assert_eq!(left, ["p.tiepoint"], "closed as it should be");
     goes_on(&folder, &network);
+}
+
+#[test]
+fn an_edit_that_waits_for_a_step_is_in_the_file_when_the_project_goes() {
+    type Leave = fn(&mut Bench);
+    let ways: [(&str, Leave); 2] = [
+        ("closed", |bench| {
+            bench.keys(Modifiers::COMMAND, Key::W);
+            bench.rest();
+        }),
+        ("quit", |bench| {
+            eframe::App::on_exit(bench.window.state_mut());
+        }),
+    ];
+    for (way, leave) in ways {
+        let folder = folder(way, Begun::Fresh);
+        let mut bench = Bench::open(&folder.at("p.tiepoint"));
+        let network = bench.network();
+        let (id, image) = network.images.iter().nth(2).expect("an image");
+        bench.click(&image.file.path);
+        let exclude = bench.window.get_by_label("Exclude").rect().center();
+        bench.hover(exclude);
+        bench.window.key_down(Key::F5);
+        bench.press_and_release(exclude);
+        bench.window.step();
+        let waiting = bench.app().runner().pending().len();
+        assert_eq!(waiting, 1, "the step was too short");
+        leave(&mut bench);
+        assert!(bench.app().session().is_none());
+        let session = Session::open(&folder.at("p.tiepoint")).expect("a closed project");
+        let usage = session.network().images[id].usage;
+        assert_eq!(usage, ImageUse::Excluded, "{way}");
+    }
+}
+
+#[test]
+fn what_is_half_typed_does_not_come_along_to_another_project() {
+    const FIELD: &str = "Fewest rays of a target";
+    let [one, other] = ["one", "other"].map(|name| folder(name, Begun::Fresh));
+    let other = other.at("p.tiepoint");
+    let mut bench = Bench::open(&one.at("p.tiepoint"));
+    bench.window.get_by_label("Settings").click_accesskit();
+    bench.settle();
+    let rays = |bench: &Bench| bench.window.get_by_label(FIELD).value();
+    let before = rays(&bench);
+    let field = bench.window.get_by_label(FIELD);
+    field.set_value_accesskit(f64::from(bench.network().settings.min_rays + 1));
+    bench.settle();
+    assert_ne!(rays(&bench), before, "it is typed and not applied");
+    bench.keys(Modifiers::COMMAND, Key::O);
+    bench.write(&other.display().to_string());
+    bench.key(Key::Enter);
+    bench.rest();
+    let told = format!("{} is open.", other.display());
+    assert_eq!(bench.app().message(), told);
+    assert_eq!(rays(&bench), before);
 }

@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use egui::{Event, Key, Modifiers};
 use egui_kittest::kittest::Queryable as _;
-use tiepoint::network::{ImageId, Network, Source};
+use nalgebra::{Matrix3, Vector3};
+use tiepoint::network::{Agreement, AmbiguousGroup, ImageId, Network, ReadTarget, Reading, Source};
 use tiepoint::project::edit::REJECTED_BY_OPERATOR;
 use tiepoint::ui::panels::review::{ReviewItem, ReviewKind, review_items};
 
@@ -37,6 +38,17 @@ fn review(bench: &mut Bench, kind: ReviewKind) -> (usize, Vec<ReviewItem>) {
     }
     assert!(bench.has(&format!("item {} of {}", place + 1, items.len())));
     (place, items)
+}
+
+/// A key that goes down.
+fn press(key: Key, modifiers: Modifiers) -> Event {
+    Event::Key {
+        key,
+        physical_key: None,
+        pressed: true,
+        repeat: false,
+        modifiers,
+    }
 }
 
 #[test]
@@ -155,13 +167,6 @@ fn keys_typed_within_one_frame_mean_what_they_mean_one_by_one() {
     bench.hover(middle);
     go_to(&mut bench, targets[0]);
 
-    let press = |key, modifiers| Event::Key {
-        key,
-        physical_key: None,
-        pressed: true,
-        repeat: false,
-        modifiers,
-    };
     let mut typed = vec![press(Key::K, Modifiers::COMMAND)];
     let text = format!("point {}", network.label(other.point).to_lowercase());
     for letter in text.chars() {
@@ -182,6 +187,45 @@ fn keys_typed_within_one_frame_mean_what_they_mean_one_by_one() {
     assert_eq!(first_image(&bench), image, "N and P were letters");
     let label = other.label(&bench.network()).cloned().expect("its label");
     assert_eq!(label.rejected.as_deref(), Some(REJECTED_BY_OPERATOR));
+}
+
+#[test]
+fn a_held_key_decides_one_item() {
+    let folder = folder("held", Begun::Measured);
+    prepare(&folder, |network| {
+        reject_two(network);
+    });
+    let mut bench = Bench::open(&folder.at("p.tiepoint"));
+    let (_, items) = review(&mut bench, ReviewKind::RejectedObservation);
+    bench.type_ahead(vec![press(Key::Space, Modifiers::NONE); 5]);
+    bench.rest();
+    assert!(bench.says(&format!(" of {}", items.len() - 1)));
+    assert_eq!(bench.history().len(), 1, "{:?}", bench.history());
+}
+
+#[test]
+fn behind_a_dialog_no_key_decides_or_turns_pages() {
+    let folder = folder("behind", Begun::Measured);
+    prepare(&folder, |network| {
+        reject_two(network);
+    });
+    let mut bench = Bench::open(&folder.at("p.tiepoint"));
+    review(&mut bench, ReviewKind::RejectedObservation);
+    bench.key(Key::N);
+    bench.key(Key::Backspace);
+    bench.keys(Modifiers::SHIFT, Key::Questionmark);
+    assert!(bench.has("All keys"));
+    let before = bench.network();
+    let (shown, selected) = (first_image(&bench), bench.app().selection().clone());
+    for key in [Key::Space, Key::X, Key::N, Key::P] {
+        bench.key(key);
+    }
+    assert!(*bench.network() == *before, "{:?}", bench.history());
+    assert_eq!(first_image(&bench), shown);
+    assert_eq!(*bench.app().selection(), selected);
+    bench.key(Key::Escape);
+    bench.key(Key::Space);
+    assert!(*bench.network() != *before);
 }
 
 #[test]
@@ -258,4 +302,46 @@ fn keys_with_alt_bring_panels_to_the_front_wherever_the_pointer_is() {
         .image_views()
         .any(tiepoint::ui::image_view::ImageView::wants_escape);
     assert!(!measures, "the tool was not armed");
+}
+
+/// Leaves a dot without a name that a new target and the old one claim.
+fn ask_about_a_dot(network: &mut Network) {
+    let image = *network.images.keys().next().expect("an image");
+    let seen = targets_of(network, image)[0];
+    Arc::make_mut(&mut network.image_mut(image).labels).remove(&seen.dot);
+    let reading = |target, log_likelihood| Reading {
+        target,
+        dots: vec![(image, seen.dot)],
+        rays: Agreement::default(),
+        shape: Agreement::default(),
+        diameter_mm: None,
+        log_likelihood,
+    };
+    let new = ReadTarget::New {
+        position: Vector3::zeros(),
+        covariance: Matrix3::identity(),
+    };
+    network.ambiguous = Arc::new(vec![AmbiguousGroup {
+        readings: vec![
+            reading(new, 9.0),
+            reading(ReadTarget::Known(seen.point), 7.0),
+        ],
+    }]);
+}
+
+#[test]
+fn keys_with_alt_answer_no_question_of_the_review() {
+    let folder = folder("question", Begun::Measured);
+    prepare(&folder, ask_about_a_dot);
+    let mut bench = Bench::open(&folder.at("p.tiepoint"));
+    let (place, items) = review(&mut bench, ReviewKind::AmbiguousGroup);
+    bench.key(Key::N);
+    bench.key(Key::Backspace);
+    assert!(bench.has(&format!("item {} of {}", place + 1, items.len())));
+    let before = bench.network();
+    bench.keys(Modifiers::ALT, Key::Num1);
+    assert!(*bench.network() == *before, "{:?}", bench.history());
+    bench.keys(Modifiers::ALT, Key::Num2);
+    bench.key(Key::Num2);
+    assert!(*bench.network() != *before, "without Alt it answers");
 }

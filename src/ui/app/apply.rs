@@ -30,7 +30,7 @@ impl App {
             Action::Open(path) => self.open(&path),
             Action::Dropped(paths) => self.loader.propose(paths),
             Action::Make(plan) => self.loader.make(*plan),
-            Action::Chosen(path) => self.forms.chosen(&path),
+            Action::Chosen { form, path } => self.forms.chosen(form, &path),
             Action::SaveCopy(path) => self.save_copy(&path, context),
             Action::Say(line) => self.say(line),
             Action::Refuse(line) => self.refuse(line),
@@ -57,6 +57,7 @@ impl App {
                 self.select(selection);
             }
             Action::EditLabel(selection) => {
+                self.type_ahead.wait_for_field();
                 self.look_at(&selection);
                 self.edit_label(&selection);
                 self.select(selection);
@@ -209,15 +210,19 @@ impl App {
         self.loader.demo(request);
     }
 
-    /// Lets the document go; a step under way is stopped, what is finished is in the file.
-    fn close(&mut self) {
-        self.runner.forget();
+    /// Lets the document go; a step under way is stopped, what is finished is in the file, and what the operator edited
+    /// meanwhile too.
+    pub(super) fn close(&mut self) {
         self.clear_image_panels();
+        self.panels.forget_drafts();
         self.missing.clear();
         self.moves = None;
         self.selection = Selection::default();
         self.group = Arc::default();
-        if let Some(document) = self.document.take() {
+        if let Some(mut document) = self.document.take() {
+            for line in self.runner.forget(&mut document.session) {
+                self.say(line);
+            }
             self.loader.close(document.session);
             self.loader.recall();
         }

@@ -261,7 +261,7 @@ const NETWORK: &str = "3D view, under the pointer";
 const REVIEW: &str = "Review";
 
 /// Keys that views take while the pointer is over them, or while they are in front.
-pub(super) const VIEW_KEYS: [ViewKey; 28] = [
+pub(super) const VIEW_KEYS: [ViewKey; 29] = [
     view_key(IMAGE, "wheel", "zoom at the pointer"),
     view_key(IMAGE, "drag", "move the picture"),
     view_key(
@@ -290,15 +290,12 @@ pub(super) const VIEW_KEYS: [ViewKey; 28] = [
     view_key(NETWORK, "drag", "turn"),
     view_key(NETWORK, "Shift + drag, middle drag", "move"),
     view_key(NETWORK, "Ctrl + drag", "roll"),
-    view_key(NETWORK, "wheel, + and -", "zoom at the pointer"),
+    view_key(NETWORK, "wheel", "zoom at the pointer"),
+    view_key(NETWORK, "+ and -", "zoom at the middle"),
     view_key(NETWORK, "B + drag", "select all points within a box"),
     view_key(NETWORK, "F", "fit"),
-    view_key(NETWORK, "arrows", "turn, after a click into the view"),
-    view_key(
-        NETWORK,
-        "Shift + arrows",
-        "move, after a click into the view",
-    ),
+    view_key(NETWORK, "arrows", "turn"),
+    view_key(NETWORK, "Shift + arrows", "move"),
     view_key(REVIEW, "Space", "accept"),
     view_key(
         REVIEW,

@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use egui::{Align2, Context, Grid, Key, TextEdit, Ui, Window, vec2};
+use egui::{Align2, Context, Grid, Key, Response, TextEdit, Ui, Window, vec2};
 
 use super::App;
 use crate::network::IdentificationRule;
@@ -92,6 +92,8 @@ struct NewForm {
     identification: IdentificationRule,
     projects_there: Vec<PathBuf>,
     not_used: Vec<PathBuf>,
+    /// Whether the first field still has to take the keyboard.
+    fresh: bool,
 }
 
 impl NewForm {
@@ -118,6 +120,7 @@ impl NewForm {
             identification: plan.identification,
             projects_there,
             not_used,
+            fresh: true,
         }
     }
 
@@ -152,7 +155,13 @@ impl NewForm {
             });
         }
         Grid::new("new project").num_columns(2).show(ui, |ui| {
-            field(ui, "Project file", &mut self.project);
+            let first = field(ui, "Project file", &mut self.project);
+            if self.fresh && first.has_focus() {
+                self.fresh = false;
+            } else if self.fresh {
+                // Again, where the grid was only measured.
+                first.request_focus();
+            }
             ui.label("Images");
             ui.label(self.images.len().to_string());
             ui.end_row();
@@ -213,17 +222,19 @@ fn look_of(family: Family) -> String {
     }
 }
 
-fn field(ui: &mut Ui, name: &str, text: &mut String) {
+fn field(ui: &mut Ui, name: &str, text: &mut String) -> Response {
     let label = ui.label(name);
-    ui.add(
-        TextEdit::singleline(text)
-            .desired_width(FIELD)
-            .hint_text("none")
-            // A cell of a grid is narrower at first, and a path is read to its end.
-            .min_size(vec2(FIELD, 0.0)),
-    )
-    .labelled_by(label.id);
+    let field = ui
+        .add(
+            TextEdit::singleline(text)
+                .desired_width(FIELD)
+                .hint_text("none")
+                // A cell of a grid is narrower at first, and a path is read to its end.
+                .min_size(vec2(FIELD, 0.0)),
+        )
+        .labelled_by(label.id);
     ui.end_row();
+    field
 }
 
 /// The forms' state.
@@ -232,6 +243,8 @@ pub(super) struct Forms {
     form: Form,
     /// Whether the field was just opened: then it takes the keyboard.
     fresh: bool,
+    /// How many forms have asked for a path: the number of the last one.
+    asked: u64,
 }
 
 impl Forms {
@@ -274,12 +287,15 @@ impl Forms {
         *self = Self {
             form: Form::Path { ask, path },
             fresh: true,
+            asked: self.asked + 1,
         };
     }
 
-    /// A dialog of the system answered.
-    pub(super) fn chosen(&mut self, chosen: &Path) {
-        if let Form::Path { path, .. } = &mut self.form {
+    /// A dialog of the system answered; the form that asked may be gone.
+    pub(super) fn chosen(&mut self, form: u64, chosen: &Path) {
+        if let Form::Path { path, .. } = &mut self.form
+            && form == self.asked
+        {
             *path = chosen.display().to_string();
         }
     }
@@ -350,6 +366,7 @@ impl App {
     /// Asks by a dialog of the system, on a thread of its own: dialogs may wait, frames may not.
     fn browse(&mut self, asked: Ask, context: &Context) {
         let (ask, context) = (self.ask.clone(), context.clone());
+        let form = self.forms.asked;
         let started = apart("dialog", move || {
             let dialog = rfd::FileDialog::new();
             let chosen = match asked {
@@ -361,7 +378,7 @@ impl App {
                 Ask::Images | Ask::Pictures => dialog.pick_folder(),
             };
             if let Some(path) = chosen
-                && ask.send(Action::Chosen(path)).is_ok()
+                && ask.send(Action::Chosen { form, path }).is_ok()
             {
                 context.request_repaint();
             }
@@ -414,4 +431,26 @@ fn path_field(ui: &mut Ui, ask: Ask, path: &mut String, fresh: bool, browse: &mu
         }
     })
     .inner
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_late_answer_of_a_dialog_fills_only_the_form_that_asked() {
+        let mut forms = Forms::default();
+        let typed = |forms: &Forms| match &forms.form {
+            Form::Path { path, .. } => path.clone(),
+            _ => String::new(),
+        };
+        forms.ask_open();
+        let first = forms.asked;
+        forms.close();
+        forms.ask_list();
+        forms.chosen(first, Path::new("a.tiepoint"));
+        assert_eq!(typed(&forms), "");
+        forms.chosen(forms.asked, Path::new("points.csv"));
+        assert_eq!(typed(&forms), "points.csv");
+    }
 }

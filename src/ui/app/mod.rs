@@ -96,6 +96,8 @@ pub struct App {
     /// Answers of dialogs, which run on threads of their own.
     answers: Receiver<Action>,
     ask: Sender<Action>,
+    /// Tells what could not be saved when the window is gone.
+    last_words: Option<Sender<String>>,
 }
 
 /// The panels with their small state.
@@ -111,6 +113,15 @@ struct Panels {
     tables: Tables,
     plots: Plots,
     journal: Journal,
+}
+
+impl Panels {
+    /// Lets go of what was typed and not yet asked for: it was about a document that goes.
+    fn forget_drafts(&mut self) {
+        self.stages = StagesPanel::default();
+        self.inspector = Inspector::default();
+        self.frame = Frame::default();
+    }
 }
 
 /// Why the application could not be made.
@@ -171,6 +182,7 @@ impl App {
             title: title::Title::default(),
             answers,
             ask,
+            last_words: None,
         };
         app.set_image_panels(FIRST_IMAGE_PANELS);
         match beginning {
@@ -186,6 +198,13 @@ impl App {
     pub fn remembering(mut self, state_folder: Option<PathBuf>) -> Self {
         self.loader.state_folder = state_folder;
         self.loader.recall();
+        self
+    }
+
+    /// The same application, telling by this what could not be saved when its window is gone.
+    #[must_use]
+    pub fn telling(mut self, last_words: Sender<String>) -> Self {
+        self.last_words = Some(last_words);
         self
     }
 
@@ -301,10 +320,12 @@ impl eframe::App for App {
         let context = ui.ctx().clone();
         let mut actions = Vec::new();
         self.modal_keys(&context);
+        actions.extend(self.keys_with_alt(&context));
+        // Behind a dialog no panel hears a key.
+        let keys_of_dialog = self.take_keys_of_dialog(&context);
         if self.is_in_front(Pane::Review) {
             self.panels.review.take_keys(&context);
         }
-        actions.extend(self.keys_with_alt(&context));
         egui::Panel::top("menu").show(ui, |ui| self.menu(ui, &mut actions));
         egui::Panel::bottom("status").show(ui, |ui| self.status(ui, &mut actions));
         self.banners(ui, &mut actions);
@@ -312,11 +333,23 @@ impl eframe::App for App {
             Some(_) => self.panes(ui, &mut actions),
             None => self.start_page(ui, &mut actions),
         });
+        context.input_mut(|input| input.events.extend(keys_of_dialog));
         self.windows(&context, &mut actions);
         // Keys after the panels: a text field or a panel with the focus has taken its own by now.
         actions.extend(self.shortcuts(&context));
         for action in actions {
             self.apply(action, &context);
+        }
+    }
+
+    /// Closes the document as the command does, and waits until it is on the disk.
+    fn on_exit(&mut self) {
+        self.close();
+        for line in self.loader.wait_for_closing() {
+            if let Some(last_words) = &self.last_words {
+                // Who started the window may be gone too.
+                let _ = last_words.send(line);
+            }
         }
     }
 }

@@ -1,7 +1,8 @@
 //! The command palette and the list of keys.
 
 use egui::{
-    Align2, Context, Grid, Key, KeyboardShortcut, Modifiers, ScrollArea, TextEdit, Ui, Window, vec2,
+    Align2, Context, Event, Grid, Key, KeyboardShortcut, Modifiers, ScrollArea, TextEdit, Ui,
+    Window, vec2,
 };
 
 use super::catalogue::VIEW_KEYS;
@@ -75,9 +76,29 @@ impl App {
         self.forms_window(context, actions);
     }
 
+    /// Whether the palette, the list of keys or a form lies over the panels.
+    fn has_dialog(&self) -> bool {
+        self.palette.is_open() || self.forms.is_open()
+    }
+
+    /// Takes the keys that panels behind a dialog must not hear; none where a text field has them anyway.
+    pub(super) fn take_keys_of_dialog(&self, context: &Context) -> Vec<Event> {
+        if !self.has_dialog() || context.text_edit_focused() {
+            return Vec::new();
+        }
+        context.input_mut(|input| {
+            let all = std::mem::take(&mut input.events);
+            let (keys, others) = all
+                .into_iter()
+                .partition(|event| matches!(event, Event::Key { .. }));
+            input.events = others;
+            keys
+        })
+    }
+
     /// Esc closes what lies on top before anything else hears of it.
     pub(super) fn modal_keys(&mut self, context: &Context) {
-        if (self.palette.is_open() || self.forms.is_open())
+        if self.has_dialog()
             && context.input_mut(|input| input.consume_key(Modifiers::NONE, Key::Escape))
         {
             self.palette.close();
@@ -187,8 +208,8 @@ impl App {
 
     /// Commands by their other keys, and what was dropped on the window.
     pub(super) fn shortcuts(&self, context: &Context) -> Vec<Action> {
-        // The palette's field has the keyboard from its first frame on, before the focus is known.
-        let typing = context.text_edit_focused() || self.palette.open == Open::Commands;
+        // A dialog has the keyboard from its first frame on, before the focus of a field in it is known.
+        let typing = context.text_edit_focused() || self.has_dialog();
         let mut actions = self.commands_by_key(context, |shortcut| {
             !(shortcut.modifiers.alt || typing && belongs_to_text(shortcut))
         });

@@ -195,6 +195,7 @@ struct Basis {
     image: ImageId,
     images: Arc<BTreeMap<ImageId, Arc<ImageEntry>>>,
     points: Arc<BTreeMap<PointId, Arc<Point>>>,
+    names: Arc<BTreeMap<u32, String>>,
     cameras: Arc<BTreeMap<CameraId, Arc<CameraEntry>>>,
     adjustment: Option<Arc<AdjustmentResult>>,
 }
@@ -205,6 +206,7 @@ impl Basis {
             image,
             images: Arc::clone(&network.images),
             points: Arc::clone(&network.points),
+            names: Arc::clone(&network.names),
             cameras: Arc::clone(&network.cameras),
             adjustment: network.adjustment.clone(),
         }
@@ -220,6 +222,7 @@ impl Basis {
             && same_adjustment
             && Arc::ptr_eq(&self.images, &network.images)
             && Arc::ptr_eq(&self.points, &network.points)
+            && Arc::ptr_eq(&self.names, &network.names)
             && Arc::ptr_eq(&self.cameras, &network.cameras)
     }
 }

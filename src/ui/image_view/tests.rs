@@ -55,6 +55,7 @@ fn scene() -> &'static Scene {
             camera: experiment.camera.clone(),
             known_sigmas: [None; 10],
             parameters: Default::default(),
+            stated: Default::default(),
             source: InteriorSource::CameraFile,
             exif_model: None,
         };
@@ -379,24 +380,6 @@ fn a_code_is_named_once() {
     assert!(parts.contains(&"O") && parts.contains(&"1"), "{parts:?}");
     assert!(code.label.starts_with('C') && !code.label.contains('.'));
     assert!(code.spacing_px > code.dot_px && code.spacing_px < 20.0 * code.dot_px);
-}
-
-#[test]
-fn where_nothing_is_seen_only_a_click_makes_a_centre() {
-    let (mut network, _, place) = with_a_missed_target();
-    let beside = place + Vector2::new(0.0, 14.0);
-    // No dot, no candidate: a predicted place in the dark.
-    let mut harness = harness(std::mem::take(&mut network));
-    harness.state_mut().view.edit_place(beside);
-    harness.run_steps(3);
-    let popup = harness
-        .query_by_label_contains("Label of the dot")
-        .is_some();
-    let notice = harness
-        .query_by_label_contains("Nothing measurable there")
-        .is_some();
-    assert!(notice && !popup, "{notice} {popup}");
-    assert!(harness.state().view.tool == Tool::Measure && edits(&harness).is_empty());
 }
 
 #[test]

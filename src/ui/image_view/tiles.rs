@@ -4,7 +4,7 @@
 //! driver filters and no feature is needed for: both bytes are interpolated linearly, so their sum is.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 
 use eframe::egui_wgpu::{CallbackResources, CallbackTrait, RenderState, ScreenDescriptor};
 use egui::{PaintCallbackInfo, Rect};
@@ -57,7 +57,8 @@ struct Gpu {
 }
 
 struct Textures {
-    picture: Arc<GreyImage>,
+    /// Which picture it is, without keeping it in memory.
+    picture: Weak<GreyImage>,
     overview: wgpu::BindGroup,
     tiles: BTreeMap<[usize; 2], wgpu::BindGroup>,
     used: u64,
@@ -250,9 +251,10 @@ impl Gpu {
             layout: &self.tile_layout,
         };
         let known = self.pictures.get(&callback.image);
-        if known.is_none_or(|known| !Arc::ptr_eq(&known.picture, &callback.picture)) {
+        let picture = Arc::as_ptr(&callback.picture);
+        if known.is_none_or(|known| known.picture.as_ptr() != picture) {
             let textures = Textures {
-                picture: Arc::clone(&callback.picture),
+                picture: Arc::downgrade(&callback.picture),
                 overview: upload.overview(&callback.picture),
                 tiles: BTreeMap::new(),
                 used: self.clock,

@@ -35,8 +35,14 @@ impl Boxing {
     /// Whether a drag draws a box: the tool is chosen, `B` is held, or a box has been begun.
     pub(super) fn takes(&self, ui: &egui::Ui, response: &Response) -> bool {
         let held = ui.input(|input| input.key_down(Key::B)) && !ui.ctx().text_edit_focused();
-        let primary = response.dragged_by(PointerButton::Primary) || response.drag_stopped();
+        let primary = response.dragged_by(PointerButton::Primary)
+            || response.drag_stopped_by(PointerButton::Primary);
         primary && (self.tool == Tool::Box || held || self.from.is_some())
+    }
+
+    /// Forgets a box that was begun.
+    pub(super) fn forget(&mut self) {
+        self.from = None;
     }
 
     /// Draws the box; its rectangle when it is finished.
@@ -52,7 +58,7 @@ impl Boxing {
             .unwrap_or(pointer);
         let from = *self.from.get_or_insert(begin);
         let rect = Rect::from_two_pos(from, pointer);
-        if response.drag_stopped() {
+        if response.drag_stopped_by(PointerButton::Primary) {
             self.from = None;
             return Some(rect);
         }

@@ -58,6 +58,7 @@ pub(super) fn ring_network(stations: u32, points: u32) -> Network {
         camera,
         known_sigmas: [None; 10],
         parameters: Default::default(),
+        stated: Default::default(),
         source: InteriorSource::CameraFile,
         exif_model: None,
     };
@@ -447,6 +448,61 @@ fn dragging_orbits_and_with_shift_it_shifts() {
     assert_eq!(panned.world_from_view, orbited.world_from_view);
     assert!(panned.target.distance(orbited.target) > 10.0);
     assert!(harness.state().actions.is_empty(), "dragging is no click");
+}
+
+#[test]
+fn keys_turn_and_zoom_while_the_pointer_is_over_the_view() {
+    let mut harness = harness(ring_network(12, 120));
+    let camera = |harness: &Harness<'_, Bench>| *harness.state().view.camera();
+    let before = camera(&harness);
+    harness.key_press(egui::Key::ArrowRight);
+    harness.step();
+    assert_eq!(camera(&harness), before, "the pointer is elsewhere");
+    harness.hover_at(Pos2::new(450.0, 300.0));
+    harness.run_steps(3);
+    assert_eq!(camera(&harness), before, "no key is pressed");
+    harness.key_press(egui::Key::ArrowRight);
+    harness.step();
+    let turned = camera(&harness);
+    assert_eq!(turned.target, before.target);
+    let turn = turned.world_from_view;
+    assert!(turn.angle_between(before.world_from_view) > 0.05);
+    harness.key_press(egui::Key::Plus);
+    harness.step();
+    let near = camera(&harness);
+    assert_eq!(near.target, before.target);
+    assert!(near.distance < 0.9 * before.distance);
+}
+
+#[test]
+fn only_the_primary_button_draws_a_box() {
+    let mut harness = harness(ring_network(12, 120));
+    harness.get_by_label("Box select").click();
+    harness.run_steps(2);
+    let (from, to) = (Pos2::new(300.0, 200.0), Pos2::new(600.0, 450.0));
+    let drag = |harness: &mut Harness<'_, Bench>, button: PointerButton| {
+        let event = |pos: Pos2, pressed: bool| egui::Event::PointerButton {
+            pos,
+            button,
+            pressed,
+            modifiers: Modifiers::NONE,
+        };
+        harness.hover_at(from);
+        harness.event(event(from, true));
+        harness.hover_at(to);
+        harness.event(event(to, false));
+        harness.step();
+    };
+    let boxes = |harness: &Harness<'_, Bench>| {
+        let actions = harness.state().actions.iter();
+        actions.filter(|a| matches!(a, Action::Group(_))).count()
+    };
+    drag(&mut harness, PointerButton::Primary);
+    assert_eq!(boxes(&harness), 1);
+    for button in [PointerButton::Secondary, PointerButton::Middle] {
+        drag(&mut harness, button);
+        assert_eq!(boxes(&harness), 1, "{button:?} lets the box go");
+    }
 }
 
 #[test]

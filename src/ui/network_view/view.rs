@@ -192,6 +192,7 @@ impl NetworkView {
         };
         if scene.is_empty() {
             self.fitted = false;
+            self.boxing.forget();
             ui.painter_at(canvas)
                 .rect_filled(canvas, 0.0, scene.palette.canvas);
             invite(ui, canvas, actions);
@@ -199,6 +200,7 @@ impl NetworkView {
             self.move_viewpoint(&scene, canvas);
             let boxing = self.boxing.takes(ui, &response);
             if !boxing {
+                self.boxing.forget();
                 self.take_hand(ui, &response, &scene);
             }
             let picked = response
@@ -334,18 +336,15 @@ impl NetworkView {
             }
         }
         let typing = ui.ctx().egui_wants_keyboard_input() && !response.has_focus();
-        if (response.hovered() || response.has_focus())
-            && !typing
-            && ui.input(|input| input.key_pressed(Key::F))
-        {
-            self.camera.fit(scene.places(), canvas);
-        }
-        if response.has_focus() {
+        if (response.hovered() || response.has_focus()) && !typing {
+            if ui.input(|input| input.key_pressed(Key::F)) {
+                self.camera.fit(scene.places(), canvas);
+            }
             self.take_keys(ui, response);
         }
     }
 
-    /// Arrows turn, with shift they shift; plus and minus move nearer and away.
+    /// Arrows turn, with shift they shift; plus and minus move nearer to the target and away from it.
     fn take_keys(&mut self, ui: &egui::Ui, response: &egui::Response) {
         let filter = egui::EventFilter {
             horizontal_arrows: true,
@@ -354,6 +353,7 @@ impl NetworkView {
         };
         ui.memory_mut(|memory| memory.set_focus_lock_filter(response.id, filter));
         let pressed = |key| ui.input(|input| input.key_pressed(key));
+        let modifiers = ui.input(|input| input.modifiers);
         let step = [
             (Key::ArrowLeft, Vec2::new(-1.0, 0.0)),
             (Key::ArrowRight, Vec2::new(1.0, 0.0)),
@@ -363,10 +363,17 @@ impl NetworkView {
         .into_iter()
         .filter(|(key, _)| pressed(*key))
         .fold(Vec2::ZERO, |sum, (_, step)| sum + step * KEY_DRAG);
-        if ui.input(|input| input.modifiers.shift) {
-            self.camera.pan(step, response.rect);
-        } else {
-            self.camera.orbit(step);
+        // To turn by nothing rounds, and would count as the operator's hand.
+        if step != Vec2::ZERO {
+            if modifiers.shift {
+                self.camera.pan(step, response.rect);
+            } else {
+                self.camera.orbit(step);
+            }
+        }
+        // With Ctrl they make everything larger or smaller.
+        if modifiers.command {
+            return;
         }
         if pressed(Key::Plus) || pressed(Key::Equals) {
             self.camera.zoom(self.camera.target, KEY_ZOOM);

@@ -14,6 +14,7 @@ struct Basis {
     cameras: Arc<BTreeMap<CameraId, Arc<CameraEntry>>>,
     images: Arc<BTreeMap<ImageId, Arc<ImageEntry>>>,
     points: Arc<BTreeMap<PointId, Arc<Point>>>,
+    names: Arc<BTreeMap<u32, String>>,
     scale_bars: Arc<Vec<ScaleBar>>,
     findings: Arc<Vec<Finding>>,
     adjustment: Option<Arc<AdjustmentResult>>,
@@ -35,6 +36,7 @@ impl Basis {
             cameras: network.cameras.clone(),
             images: network.images.clone(),
             points: network.points.clone(),
+            names: network.names.clone(),
             scale_bars: network.scale_bars.clone(),
             findings: network.findings.clone(),
             adjustment: network.adjustment.clone(),
@@ -47,6 +49,7 @@ impl Basis {
             && Arc::ptr_eq(&self.cameras, &network.cameras)
             && Arc::ptr_eq(&self.images, &network.images)
             && Arc::ptr_eq(&self.points, &network.points)
+            && Arc::ptr_eq(&self.names, &network.names)
             && Arc::ptr_eq(&self.scale_bars, &network.scale_bars)
             && Arc::ptr_eq(&self.findings, &network.findings)
     }
@@ -110,5 +113,7 @@ mod tests {
         assert_eq!(ask(&network, 2), 2);
         network.points = Arc::new(BTreeMap::new());
         assert_eq!(ask(&network, 2), 3);
+        network.names = Arc::new(BTreeMap::from([(1, "edge".to_owned())]));
+        assert_eq!(ask(&network, 2), 4, "a target has another name");
     }
 }

@@ -143,10 +143,11 @@ impl StagesPanel {
             "The same seed gives the same digits.",
             DragValue::new(&mut draft.seed).speed(1.0),
         );
-        let changed = draft != present && !draft.families.is_empty();
+        let changed = draft != present;
+        let looks = !draft.families.is_empty();
         ui.horizontal(|ui| {
             if ui
-                .add_enabled(changed, Button::new("Apply settings"))
+                .add_enabled(changed && looks, Button::new("Apply settings"))
                 .clicked()
             {
                 actions.push(Action::Edit(Edit::Settings(Box::new(draft.clone()))));
@@ -155,6 +156,9 @@ impl StagesPanel {
                 *draft = present.clone();
             }
         });
+        if !looks {
+            ui.weak("Codes of one family at least have to be looked for.");
+        }
         if !changed {
             self.draft = None;
         }
@@ -341,5 +345,37 @@ fn state_of(network: &Network, stage: Stage) -> RichText {
         Some(Outcome::Incomplete) => RichText::new(text).color(theme::DOUBTFUL),
         Some(Outcome::Failed) => RichText::new(text).color(theme::REJECTED),
         Some(Outcome::Interrupted) | None => RichText::new(text).weak(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ui::panels::fixture::{Bench, network};
+    use egui_kittest::kittest::Queryable as _;
+
+    #[test]
+    fn codes_are_exchanged_for_others_one_by_one() {
+        let mut panel = StagesPanel::default();
+        let runner = Runner::new(|| ()).expect("a thread");
+        let mut bench = Bench::new(network(), move |ui, context, actions| {
+            panel.ui(ui, context, &runner, actions);
+        });
+        let mut click = |label: &str| {
+            bench.harness.get_by_label(label).click_accesskit();
+            let actions = bench.actions();
+            let hint = "Codes of one family at least have to be looked for.";
+            (actions, bench.harness.query_by_label(hint).is_some())
+        };
+        assert_eq!(click("Settings"), (vec![], false));
+        assert_eq!(click("dot420"), (vec![], true), "none is ticked");
+        assert_eq!(click("Apply settings"), (vec![], true), "with no code");
+        assert_eq!(click("ring14"), (vec![], false));
+        let expected = MeasurementSettings {
+            families: vec![Family::Ring(14)],
+            ..MeasurementSettings::default()
+        };
+        let applied = Action::Edit(Edit::Settings(Box::new(expected)));
+        assert_eq!(click("Apply settings"), (vec![applied], false));
     }
 }

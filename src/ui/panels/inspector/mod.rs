@@ -235,4 +235,13 @@ mod tests {
         bench.select(select_point("C1".parse().unwrap()));
         assert!(bench.harness.query_by_label("Rename").is_none());
     }
+
+    #[test]
+    fn the_field_of_the_name_follows_the_name() {
+        let mut bench = bench(select_point("M1".parse().unwrap()));
+        let names = BTreeMap::from([(1, "edge".to_owned())]);
+        bench.change(|network| network.names = std::sync::Arc::new(names));
+        let field = bench.harness.get_by_label("Name");
+        assert_eq!(field.value().as_deref(), Some("edge"));
+    }
 }

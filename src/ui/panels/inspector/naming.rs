@@ -12,7 +12,15 @@ const FIELD: f32 = 120.0;
 /// A name while it is typed.
 #[derive(Default)]
 pub(super) struct Naming {
-    draft: Option<(u32, String)>,
+    draft: Option<Draft>,
+}
+
+/// What stands in the field.
+struct Draft {
+    target: u32,
+    /// The name that the target had when the field was filled.
+    filled_from: String,
+    name: String,
 }
 
 impl Naming {
@@ -28,10 +36,15 @@ impl Naming {
             return;
         };
         let present = network.names.get(&target).map_or("", String::as_str);
-        if self.draft.as_ref().is_none_or(|(of, _)| *of != target) {
-            self.draft = Some((target, present.to_owned()));
+        let fits = |draft: &Draft| draft.target == target && draft.filled_from == present;
+        if !self.draft.as_ref().is_some_and(fits) {
+            self.draft = Some(Draft {
+                target,
+                filled_from: present.to_owned(),
+                name: present.to_owned(),
+            });
         }
-        let Some((_, name)) = &mut self.draft else {
+        let Some(Draft { name, .. }) = &mut self.draft else {
             return;
         };
         let asked = ui.horizontal(|ui| {

@@ -20,6 +20,7 @@ const PREDICTIONS_A_FRAME: usize = 20_000;
 struct Common {
     cameras: Arc<BTreeMap<CameraId, Arc<CameraEntry>>>,
     points: Arc<BTreeMap<PointId, Arc<Point>>>,
+    names: Arc<BTreeMap<u32, String>>,
     adjustment: Option<Arc<AdjustmentResult>>,
     /// Edits change single labels, which turns no mean direction by much: they need not be found again.
     directions: Arc<Directions>,
@@ -34,6 +35,7 @@ struct Found {
 struct Questions {
     groups: Arc<Vec<AmbiguousGroup>>,
     images: Arc<BTreeMap<ImageId, Arc<ImageEntry>>>,
+    names: Arc<BTreeMap<u32, String>>,
     items: Vec<Arc<ReviewItem>>,
 }
 
@@ -42,12 +44,15 @@ impl Questions {
         Self {
             groups: network.ambiguous.clone(),
             images: network.images.clone(),
+            names: network.names.clone(),
             items: question_items(network).into_iter().map(Arc::new).collect(),
         }
     }
 
     fn hold(&self, network: &Network) -> bool {
-        Arc::ptr_eq(&self.groups, &network.ambiguous) && Arc::ptr_eq(&self.images, &network.images)
+        Arc::ptr_eq(&self.groups, &network.ambiguous)
+            && Arc::ptr_eq(&self.images, &network.images)
+            && Arc::ptr_eq(&self.names, &network.names)
     }
 }
 
@@ -126,6 +131,7 @@ impl Common {
         Self {
             cameras: network.cameras.clone(),
             points: network.points.clone(),
+            names: network.names.clone(),
             adjustment: network.adjustment.clone(),
             directions: Arc::new(Directions::of(network)),
         }
@@ -135,6 +141,7 @@ impl Common {
         is_same(&self.adjustment, &network.adjustment)
             && Arc::ptr_eq(&self.cameras, &network.cameras)
             && Arc::ptr_eq(&self.points, &network.points)
+            && Arc::ptr_eq(&self.names, &network.names)
     }
 }
 
@@ -155,6 +162,9 @@ mod tests {
         };
         assert_eq!(found(&queue), review_items(&network));
         assert!(!queue.items().is_empty());
+        network.names = Arc::new(BTreeMap::from([(1, "edge".to_owned())]));
+        queue.advance(&network);
+        assert_eq!(found(&queue), review_items(&network), "by its new name");
         network.image_mut(ImageId(1)).labels = Arc::default();
         queue.advance(&network);
         assert_eq!(found(&queue), review_items(&network));
