@@ -298,14 +298,28 @@ fn one_line(error: &ImageError) -> String {
         .join(" ")
 }
 
-/// A scan of a JPEG file ends with the marker FF D9; decoders fill what is missing with grey and say nothing.
+/// A JPEG picture ends with the marker FF D9; decoders fill what is missing with grey and say nothing. What some cameras write behind
+/// the picture (a film, another picture) is not looked at (ITU-T T.81, B.1.1).
 fn jpeg_is_complete(bytes: &[u8]) -> bool {
-    const START_OF_SCAN: [u8; 2] = [0xff, 0xda];
-    const END_OF_IMAGE: [u8; 2] = [0xff, 0xd9];
-    let Some(scan) = bytes.windows(2).rposition(|pair| pair == START_OF_SCAN) else {
-        return false;
-    };
-    bytes[scan..].windows(2).any(|pair| pair == END_OF_IMAGE)
+    let mut at = 0;
+    let mut in_scan = false;
+    while let Some(&[first, marker]) = bytes.get(at..at + 2) {
+        match (first, marker) {
+            (0xff, 0xd9) => return in_scan,
+            // Fill bytes before a marker, and markers that stand alone.
+            (0xff, 0xff) => at += 1,
+            (0xff, 0x00 | 0x01 | 0xd0..=0xd8) => at += 2,
+            (0xff, _) => {
+                let Some(&[high, low]) = bytes.get(at + 2..at + 4) else {
+                    return false;
+                };
+                in_scan |= marker == 0xda;
+                at += 2 + usize::from(u16::from_be_bytes([high, low])).max(2);
+            }
+            _ => at += 1,
+        }
+    }
+    false
 }
 
 fn grey_of(file: &Path, decoded: DynamicImage) -> Result<GreyImage, LoadError> {
@@ -492,6 +506,17 @@ mod tests {
                 .to_string();
             assert!(error.contains("at most 20 px a side"), "{format:?} {error}");
         }
+    }
+
+    #[test]
+    fn what_stands_behind_a_jpeg_picture_is_not_its_affair() {
+        let jpeg = encoded(&slope(), ImageFormat::Jpeg);
+        let mut with_film = jpeg.clone();
+        // A scan that begins in what is no picture.
+        with_film.extend([0, 1, 0xff, 0xda, 7, 7]);
+        assert!(decoded(&with_film).is_ok());
+        let broken = decoded(&jpeg[..jpeg.len() - 2]).unwrap_err().to_string();
+        assert!(broken.contains("expected a complete file"), "{broken}");
     }
 
     #[test]
