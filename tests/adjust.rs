@@ -79,8 +79,29 @@ fn the_datum_changes_sigmas_and_nothing_that_was_measured() {
     assert_ne!(all["points"][5]["sigma_mm"], few["points"][5]["sigma_mm"]);
     let answer = folder.run(&["adjust", "--network", "net.json", "--datum", "P0,P99"]);
     answer.refused(2, &["--datum", "'P99'"]);
+    let answer = folder.run(&["adjust", "--network", "net.json", "--datum", "P0,P11"]);
+    answer.refused(2, &["--datum", "found 2 points", "three or more"]);
     let answer = folder.run(&["adjust", "--network", "net.json", "--angle", "P0,P1"]);
     answer.refused(2, &["--angle", "found 2 names", "expected 3"]);
+}
+
+#[test]
+fn what_cannot_be_compared_or_told_is_said() {
+    let folder = Folder::new("not-compared");
+    let mut network = network();
+    let check = places()[5];
+    let known = check.map(|value| json!({"value_mm": value, "sigma_mm": 0.01}));
+    network["points"][5]["known"] = json!(known);
+    network["points"][5]["role"] = json!("check");
+    folder.write("net.json", network.to_string());
+    let report = adjusted(&folder, &["--datum", "all"]);
+    let findings = report["findings"].to_string();
+    assert!(
+        findings.contains("check points: not compared: found 1 in a free network"),
+        "{findings}"
+    );
+    let answer = folder.run(&["adjust", "--network", "net.json", "--distance", "P3,P3"]);
+    answer.refused(2, &["--distance", "found 'P3' again"]);
 }
 
 #[test]

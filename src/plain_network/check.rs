@@ -192,7 +192,11 @@ impl PlainNetwork {
         }
     }
 
-    fn check_datum(&self) -> Result<(), NetworkFault> {
+    /// Whether the datum can be what it says: control points, or three listed points or more, each once.
+    ///
+    /// # Errors
+    /// [`NetworkFault`] about the datum.
+    pub fn check_datum(&self) -> Result<(), NetworkFault> {
         match &self.datum {
             PlainDatum::Control => {
                 let control = |point: &PlainPoint| point.role == PointRole::Control;

@@ -9,7 +9,7 @@ use super::error::quote;
 use super::json_form::{
     CameraForm, DatumForm, DatumPointsForm, DistanceForm, FORMAT, Form, ImageForm, KnownForm,
     ObjectForm, ObservationForm, PointForm, RoleForm, VERSION, ValuesForm,
-    with_null_for_no_numbers,
+    with_false_for_no_numbers,
 };
 use super::{
     DatumPoints, ImportError, ImportPlace, Known, NamedText, PlainCamera, PlainDatum,
@@ -101,10 +101,10 @@ pub fn to_json(network: &PlainNetwork) -> Result<String, NetworkFault> {
 /// A text that is no JSON only because other programs write `NaN` for numbers that they do not have is read all the same.
 fn form(text: &str) -> Result<Form, serde_json::Error> {
     serde_json::from_str(text).or_else(|error| {
-        let Some(with_null) = with_null_for_no_numbers(text) else {
+        let Some(with_false) = with_false_for_no_numbers(text) else {
             return Err(error);
         };
-        serde_json::from_str(&with_null).map_err(|_| error)
+        serde_json::from_str(&with_false).map_err(|_| error)
     })
 }
 

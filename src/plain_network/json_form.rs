@@ -282,13 +282,12 @@ impl<'de> Deserialize<'de> for ObservationForm {
             }
             fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Self::Value, A::Error> {
                 let missing = |count| de::Error::invalid_length(count, &self);
-                let number = |number: Option<f64>| number.unwrap_or(f64::NAN);
                 let read = ObservationForm {
                     image: list.next_element()?.ok_or_else(|| missing(0))?,
                     point: list.next_element()?.ok_or_else(|| missing(1))?,
-                    x_px: number(list.next_element()?.ok_or_else(|| missing(2))?),
-                    y_px: number(list.next_element()?.ok_or_else(|| missing(3))?),
-                    sigma_px: list.next_element()?.map(number),
+                    x_px: list.next_element::<Number>()?.ok_or_else(|| missing(2))?.0,
+                    y_px: list.next_element::<Number>()?.ok_or_else(|| missing(3))?.0,
+                    sigma_px: list.next_element::<Number>()?.map(|number| number.0),
                 };
                 match list.next_element::<de::IgnoredAny>()? {
                     None => Ok(read),
@@ -300,8 +299,43 @@ impl<'de> Deserialize<'de> for ObservationForm {
     }
 }
 
-/// The text with `null` for every `NaN`, `Infinity` and `-Infinity` outside of words; `None` where there is none.
-pub(super) fn with_null_for_no_numbers(text: &str) -> Option<String> {
+/// A number of an image point, which may be none: `null`, or what stands for `NaN`.
+struct Number(f64);
+
+impl<'de> Deserialize<'de> for Number {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Reader;
+        impl Visitor<'_> for Reader {
+            type Value = Number;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a number or null")
+            }
+            fn visit_f64<E: de::Error>(self, number: f64) -> Result<Number, E> {
+                Ok(Number(number))
+            }
+            fn visit_u64<E: de::Error>(self, number: u64) -> Result<Number, E> {
+                Ok(Number(number as f64))
+            }
+            fn visit_i64<E: de::Error>(self, number: i64) -> Result<Number, E> {
+                Ok(Number(number as f64))
+            }
+            fn visit_unit<E: de::Error>(self) -> Result<Number, E> {
+                Ok(Number(f64::NAN))
+            }
+            fn visit_bool<E: de::Error>(self, word: bool) -> Result<Number, E> {
+                match word {
+                    false => Ok(Number(f64::NAN)),
+                    true => Err(E::invalid_type(de::Unexpected::Bool(word), &self)),
+                }
+            }
+        }
+        deserializer.deserialize_any(Reader)
+    }
+}
+
+/// The text with `false` for every `NaN`, `Infinity` and `-Infinity` outside of words; `None` where there is none. Only an image point
+/// may be without a number: `null` would do in other places too, where it says that nothing is known or that a coordinate is fixed.
+pub(super) fn with_false_for_no_numbers(text: &str) -> Option<String> {
     const NO_NUMBERS: [&str; 3] = ["NaN", "-Infinity", "Infinity"];
     let mut changed = String::with_capacity(text.len());
     let mut rest = text;
@@ -311,7 +345,7 @@ pub(super) fn with_null_for_no_numbers(text: &str) -> Option<String> {
         let mut plain = rest[..end].to_owned();
         for no_number in NO_NUMBERS {
             found |= plain.contains(no_number);
-            plain = plain.replace(no_number, "null");
+            plain = plain.replace(no_number, "false");
         }
         changed.push_str(&plain);
         rest = &rest[end..];

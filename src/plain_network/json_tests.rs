@@ -93,6 +93,28 @@ fn a_warm_bar_is_calibrated_at_twenty_degrees_where_nothing_is_said() {
 }
 
 #[test]
+fn a_sigma_that_is_no_number_does_not_fix_a_coordinate() {
+    let points = |sigma: &str| {
+        let known = format!(r#"{{"value_mm":1.5,"sigma_mm":{sigma}}}"#);
+        format!(r#"{{"name":"p","known":[{known},null,null]}}"#)
+    };
+    let with = |sigma: &str| {
+        let text = file(
+            r#"{"name":"1"}"#,
+            &points(sigma),
+            r#"["1","p",10,20]"#,
+            r#","sigma_px":0.1"#,
+        );
+        read(&text)
+    };
+    assert!(with("0.5").is_ok());
+    for no_number in ["NaN", "Infinity", "-Infinity"] {
+        let error = with(no_number).unwrap_err().to_string();
+        assert!(error.contains("line "), "{error}");
+    }
+}
+
+#[test]
 fn image_points_that_an_adjustment_leaves_out_are_read() {
     let text = file(
         r#"{"name":"1"},{"name":"NaN \" NaN"}"#,

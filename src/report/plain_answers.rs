@@ -33,6 +33,9 @@ pub struct PlainAnswers {
     /// Quantities that were asked for.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub derived: Vec<DerivedRow>,
+    /// What could not be compared, and why, a line each: the report tells it among its findings.
+    #[serde(skip)]
+    pub not_compared: Vec<String>,
 }
 
 /// A check point.
@@ -72,10 +75,16 @@ pub struct DerivedRow {
     pub unit: &'static str,
 }
 
-/// A point that is asked for takes no part in the adjustment.
+/// What is asked for has no answer.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("point '{0}': found no adjusted coordinates, expected a point that takes part")]
-pub struct NoSuchPoint(String);
+pub enum NoAnswer {
+    /// A point takes no part in the adjustment.
+    #[error("point '{0}': found no adjusted coordinates, expected a point that takes part")]
+    Point(String),
+    /// The quantity has no derivative there.
+    #[error("{0}: found points at one place or on one line, expected others")]
+    Quantity(String),
+}
 
 /// Whether anything is to be answered that needs the solved equations.
 #[must_use]
@@ -90,17 +99,19 @@ impl PlainAnswers {
     /// Answers for an adjusted network.
     ///
     /// # Errors
-    /// [`NoSuchPoint`] where a question names a point without coordinates.
+    /// [`NoAnswer`] where a question names a point without coordinates, or points at one place.
     pub fn new(
         network: &PlainNetwork,
         adjusted: &PlainAdjustment,
         solved: &SolvedNetwork,
         questions: &[Question],
-    ) -> Result<Self, NoSuchPoint> {
+    ) -> Result<Self, NoAnswer> {
+        let mut not_compared = Vec::new();
         Ok(Self {
-            check_points: check_points(network, adjusted),
-            check_distances: check_distances(network, adjusted, solved),
+            check_points: check_points(network, adjusted, &mut not_compared),
+            check_distances: check_distances(network, adjusted, solved, &mut not_compared),
             derived: derived(network, adjusted, solved, questions)?,
+            not_compared,
         })
     }
 
@@ -149,7 +160,11 @@ fn place(adjusted: &PlainAdjustment, point: usize) -> Option<usize> {
 }
 
 /// In the datum of control the differences themselves; in a free network those after a best fit onto three check points or more.
-fn check_points(network: &PlainNetwork, adjusted: &PlainAdjustment) -> Vec<CheckPointRow> {
+fn check_points(
+    network: &PlainNetwork,
+    adjusted: &PlainAdjustment,
+    not_compared: &mut Vec<String>,
+) -> Vec<CheckPointRow> {
     let adjustment = &adjusted.adjustment;
     let checked: Vec<(usize, usize)> = adjusted
         .points
@@ -163,7 +178,15 @@ fn check_points(network: &PlainNetwork, adjusted: &PlainAdjustment) -> Vec<Check
     let motion = match fit {
         None => Similarity::identity(),
         Some(Some(fit)) => fit,
-        Some(None) => return Vec::new(),
+        Some(None) => {
+            if !checked.is_empty() {
+                not_compared.push(format!(
+                    "check points: not compared: found {} in a free network, expected three or more that are wholly known and not on a line",
+                    checked.len()
+                ));
+            }
+            return Vec::new();
+        }
     };
     checked
         .iter()
@@ -212,12 +235,20 @@ fn check_distances(
     network: &PlainNetwork,
     adjusted: &PlainAdjustment,
     solved: &SolvedNetwork,
+    not_compared: &mut Vec<String>,
 ) -> Vec<CheckDistanceRow> {
-    let checked = network.distances.iter().filter_map(|distance| {
-        let is_check = distance.role == BarRole::Check;
-        let from = place(adjusted, distance.from).filter(|_| is_check)?;
-        let to = place(adjusted, distance.to)?;
-        let found = solved.derived(&[Derived::Distance { from, to }])?;
+    let checked = network.distances.iter();
+    let checked = checked.filter(|distance| distance.role == BarRole::Check);
+    let rows = checked.filter_map(|distance| {
+        let ends = place(adjusted, distance.from).zip(place(adjusted, distance.to));
+        let found = ends.and_then(|(from, to)| solved.derived(&[Derived::Distance { from, to }]));
+        let Some(found) = found else {
+            not_compared.push(format!(
+                "check distance '{}': not compared: found an end that takes no part, expected both",
+                distance.name
+            ));
+            return None;
+        };
         let difference = found.values[0] - network.length_mm(distance);
         let sigma = found.sigma(0);
         Some(CheckDistanceRow {
@@ -227,7 +258,7 @@ fn check_distances(
             test: difference / sigma.hypot(distance.sigma_mm),
         })
     });
-    checked.collect()
+    rows.collect()
 }
 
 fn derived(
@@ -235,10 +266,10 @@ fn derived(
     adjusted: &PlainAdjustment,
     solved: &SolvedNetwork,
     questions: &[Question],
-) -> Result<Vec<DerivedRow>, NoSuchPoint> {
+) -> Result<Vec<DerivedRow>, NoAnswer> {
     let name = |point: usize| network.points[point].name.as_str();
     let of = |point: usize| {
-        place(adjusted, point).ok_or_else(|| NoSuchPoint(network.points[point].name.clone()))
+        place(adjusted, point).ok_or_else(|| NoAnswer::Point(network.points[point].name.clone()))
     };
     questions
         .iter()
@@ -266,7 +297,7 @@ fn derived(
             };
             let found = solved
                 .derived(&[derived])
-                .ok_or_else(|| NoSuchPoint(quantity.clone()))?;
+                .ok_or_else(|| NoAnswer::Quantity(quantity.clone()))?;
             Ok(DerivedRow {
                 quantity,
                 value: scale * found.values[0],

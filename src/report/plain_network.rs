@@ -7,13 +7,13 @@ use serde::Serialize;
 use super::plain_answers::PlainAnswers;
 use super::plain_reliability::{ReliabilityReport, SignificanceRow, significance};
 use crate::adjustment::{
-    AdjustedCamera, AdjustedStation, ErrorEllipsoid, ObservationStatus, Sharing, TestPower,
+    AdjustedCamera, AdjustedStation, Datum, ErrorEllipsoid, ObservationStatus, Sharing, TestPower,
 };
 use crate::camera::INTERIOR_NAMES;
 use crate::geometry::OmegaPhiKappa;
 use crate::network::reason_of_length;
 use crate::plain_network::{
-    HeldParameter, PlainAdjustment, PlainCamera, PlainDatum, PlainNetwork, PlainParameter,
+    HeldParameter, PlainAdjustment, PlainCamera, PlainNetwork, PlainParameter,
 };
 
 /// Stands in the place of the state of a parameter that each image has for itself.
@@ -335,9 +335,10 @@ impl PlainReport {
             datum_defect: a.datum_defect,
             iterations: a.iterations,
             convergence: [a.termination.value, a.termination.threshold],
-            datum: match &network.datum {
-                PlainDatum::Control => "control points".into(),
-                PlainDatum::InnerConstraints(_) => "inner constraints".into(),
+            // The one that was used: where the chosen one leaves the network loose, it is not that.
+            datum: match &adjusted.problem().datum {
+                Datum::Control => "control points".into(),
+                Datum::InnerConstraints { .. } => "inner constraints".into(),
             },
             cameras: cameras.collect(),
             images: images.collect(),

@@ -6,8 +6,8 @@ use super::*;
 use crate::geometry::Pose;
 use crate::monitor::Monitor;
 use crate::plain_network::{
-    DatumPoints, NamedText, PlainImage, PlainObservation, PlainPoint, PlainSettings, from_json,
-    to_json,
+    DatumPoints, NamedText, PlainDatum, PlainImage, PlainObservation, PlainPoint, PlainSettings,
+    from_json, to_json,
 };
 
 /// Six images of twenty points on two levels, without noise; each image has x0 and y0 for itself.
