@@ -740,3 +740,54 @@ fn a_comparison_needs_three_common_points() {
     folder.write("few.csv", [&lines[..1], &crosses[..3]].concat().join("\n"));
     folder.run(&compare).done();
 }
+
+#[test]
+fn no_table_is_written_over_what_it_is_made_of_or_over_another() {
+    let folder = Folder::with_measured("over");
+    let before = folder.read("p.tiepoint");
+    let two_roles = |arguments: &[&str], words: &[&str]| {
+        let export = [&["export", "p.tiepoint"], arguments].concat();
+        folder.run(&export).refused(2, words);
+        assert_eq!(folder.read("p.tiepoint"), before);
+    };
+    two_roles(
+        &["--points", "./p.tiepoint"],
+        &["p.tiepoint: ", "of the project and of --points"],
+    );
+    two_roles(
+        &["--points", "a.csv", "--stations", "./a.csv"],
+        &["a.csv: ", "of --points and of --stations"],
+    );
+    assert!(!folder.at("a.csv").exists());
+    // Standard output takes several, one after the other.
+    let export = ["export", "p.tiepoint", "--points", "/dev/stdout"];
+    let answer = folder.run(&[&export[..], &["--stations", "/dev/stdout"]].concat());
+    for head in ["label,kind,", "omega_deg"] {
+        assert!(answer.done().contains(head), "{answer:#?}");
+    }
+    folder.write("net.json", "{}");
+    folder
+        .run(&[
+            "adjust",
+            "--network",
+            "net.json",
+            "--covariance",
+            "net.json",
+        ])
+        .refused(2, &["net.json: ", "of the network and of --covariance"]);
+    assert_eq!(folder.text("net.json"), "{}");
+}
+
+#[test]
+fn the_demo_is_not_rendered_over_somebodys_files() {
+    let folder = Folder::with_inputs("foreign");
+    let camera = folder.text("camera.toml");
+    let demo = folder.run(&["demo", "."]);
+    assert_eq!(demo.status, Some(2), "{demo:?}");
+    let line = demo.stderr.lines().last().unwrap();
+    assert!(
+        line.contains("found something that is no demo's"),
+        "{demo:?}"
+    );
+    assert_eq!(folder.text("camera.toml"), camera);
+}

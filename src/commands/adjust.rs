@@ -4,12 +4,14 @@ use std::path::{Path, PathBuf};
 
 use super::terminal::show;
 use super::{CommandError, Form};
-use crate::adjustment::{OutlierTest, RejectionSettings};
+use crate::adjustment::{AdjustmentError, OutlierTest, RejectionSettings};
 use crate::monitor::Monitor;
 use crate::plain_network::{
     DatumPoints, NamedText, PlainDatum, PlainError, PlainNetwork, PlainSettings, Weights, from_json,
 };
-use crate::report::{PlainAnswers, PlainReport, Question, asks, covariance_csv, write_file};
+use crate::report::{
+    PlainAnswers, PlainReport, Question, asks, check_apart, covariance_csv, write_file,
+};
 
 /// Which network to adjust, and how.
 #[derive(Clone, Debug)]
@@ -37,6 +39,10 @@ pub struct AdjustRequest {
 /// # Errors
 /// [`CommandError`] where the file is bad or the network cannot be adjusted.
 pub fn adjust(request: &AdjustRequest, form: Form, monitor: &Monitor) -> Result<(), CommandError> {
+    if let Some(covariance) = &request.covariance {
+        let read = [("the network", request.network.as_path())];
+        check_apart(&read, &[("--covariance", covariance)])?;
+    }
     let text = read(&request.network)?;
     let name = request.network.to_string_lossy();
     let mut network = from_json(NamedText {
@@ -60,6 +66,9 @@ pub fn adjust(request: &AdjustRequest, form: Form, monitor: &Monitor) -> Result<
     };
     if let Some(datum) = &request.datum {
         network.datum = datum_of(&network, datum)?;
+        network
+            .check_datum()
+            .map_err(|fault| CommandError::input(format!("--{fault}")))?;
     }
     let questions = questions(&network, request)?;
     let settings = PlainSettings {
@@ -70,16 +79,19 @@ pub fn adjust(request: &AdjustRequest, form: Form, monitor: &Monitor) -> Result<
     let adjusted = network
         .adjust(&settings, monitor)
         .map_err(|error| match error {
-            PlainError::Interrupted => CommandError::interrupted(),
+            PlainError::Interrupted => interrupted(&name),
             other => CommandError::work(format!("{name}: {other}")),
         })?;
     let mut report = PlainReport::new(&network, &adjusted);
     if asks(&network, &questions) || request.covariance.is_some() {
-        let solved = adjusted
-            .solved(monitor)
-            .map_err(|error| CommandError::work(format!("{name}: {error}")))?;
+        let solved = adjusted.solved(monitor).map_err(|error| match error {
+            AdjustmentError::Interrupted(_) => interrupted(&name),
+            other => CommandError::work(format!("{name}: {other}")),
+        })?;
         report.answers = PlainAnswers::new(&network, &adjusted, &solved, &questions)
             .map_err(|error| CommandError::input(error.to_string()))?;
+        let not_compared = report.answers.not_compared.iter().cloned();
+        report.findings.extend(not_compared);
         if let Some(file) = &request.covariance {
             let csv = covariance_csv(&network, &adjusted, &solved);
             write_file(file, csv.as_bytes())?;
@@ -93,6 +105,10 @@ pub fn adjust(request: &AdjustRequest, form: Form, monitor: &Monitor) -> Result<
         }
         Form::Text => show(&report.text()),
     }
+}
+
+fn interrupted(name: &str) -> CommandError {
+    CommandError::interrupted(format!("{name}: interrupted; nothing was written"))
 }
 
 /// The datum in the operator's words.
@@ -134,7 +150,14 @@ fn points_of<const COUNT: usize>(
         .split(',')
         .map(|name| point_of(network, option, name))
         .collect();
-    points?.try_into().map_err(|found: Vec<usize>| {
+    let points = points?;
+    if let Some(again) = (1..points.len()).find(|&k| points[..k].contains(&points[k])) {
+        let name = &network.points[points[again]].name;
+        return Err(CommandError::input(format!(
+            "{option}: found '{name}' again in '{words}', expected each point once"
+        )));
+    }
+    points.try_into().map_err(|found: Vec<usize>| {
         CommandError::input(format!(
             "{option}: found {} names in '{words}', expected {COUNT} separated by commas",
             found.len()

@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -81,6 +82,23 @@ struct DemoTruth {
     truth: Truth,
 }
 
+/// What the demo writes under names that a user's files may have.
+const DEMO_NAMES: [&str; 10] = [
+    "images",
+    "camera.toml",
+    "cross.csv",
+    "bars.csv",
+    "reference.csv",
+    "box.tiepoint",
+    "points.csv",
+    "observations.csv",
+    "stations.csv",
+    "cameras.toml",
+];
+
+/// Says that pictures of a demo are being rendered.
+const RENDERING: &str = ".tiepoint-demo-unfinished";
+
 /// The files of a demo.
 struct DemoFiles {
     folder: PathBuf,
@@ -115,7 +133,7 @@ pub fn demo(request: &DemoRequest, monitor: &Monitor) -> Result<(), CommandError
     let runs = measure(&mut session, Stage::Adjust, monitor)?;
     let measured = begun.elapsed().as_secs_f64();
     if runs.iter().any(|run| run.outcome == Outcome::Interrupted) {
-        return Err(CommandError::interrupted());
+        return Err(CommandError::interrupted_between_steps());
     }
     let network = session.network().clone();
     drop(session);
@@ -154,7 +172,7 @@ pub fn prepare_demo(
     };
     let project = files.at("box.tiepoint");
     if !project.exists() {
-        new(&NewRequest {
+        let plan = NewRequest {
             project: project.clone(),
             images: vec![files.at("images")],
             cameras: vec![files.at("camera.toml")],
@@ -164,7 +182,8 @@ pub fn prepare_demo(
             control: None,
             families: vec![Family::Dot420],
             identification: Default::default(),
-        })?;
+        };
+        new(&plan, monitor)?;
     }
     Ok(PreparedDemo {
         project,
@@ -179,8 +198,15 @@ fn complete_truth(
     request: &DemoRequest,
 ) -> Result<Option<DemoTruth>, CommandError> {
     let path = files.at("truth.json");
-    let Ok(text) = fs::read_to_string(&path) else {
-        return Ok(None);
+    let text = match fs::read_to_string(&path) {
+        Ok(text) => text,
+        Err(error) if is_absent(&error) => {
+            refuse_foreign(files)?;
+            return Ok(None);
+        }
+        Err(error) => {
+            return Err(CommandError::input(format!("{}: {error}", path.display())));
+        }
     };
     let demo: DemoTruth = serde_json::from_str(&text).map_err(|e| {
         CommandError::input(format!(
@@ -193,10 +219,10 @@ fn complete_truth(
         || demo.render != RenderSettings::default()
     {
         return Err(CommandError::input(format!(
-            "{}: found the demo of seed {} in this folder, expected that of seed {}: name another folder",
+            "{}: found the demo of {} in this folder, expected that of {}: name another folder",
             path.display(),
-            demo.seed,
-            request.seed
+            demo_name(demo.seed, demo.cross),
+            demo_name(request.seed, request.cross)
         )));
     }
     let complete = demo
@@ -205,6 +231,33 @@ fn complete_truth(
         .keys()
         .all(|image| files.at("images").join(image).is_file());
     Ok(complete.then_some(demo))
+}
+
+fn is_absent(error: &io::Error) -> bool {
+    [io::ErrorKind::NotFound, io::ErrorKind::NotADirectory].contains(&error.kind())
+}
+
+fn demo_name(seed: u64, cross: DemoCross) -> String {
+    match cross {
+        DemoCross::Present => format!("seed {seed} with its cross"),
+        DemoCross::Absent => format!("seed {seed} without a cross"),
+    }
+}
+
+/// Refuses a folder that holds somebody's files under the demo's names, for they would be written over. Where a rendering was cut
+/// off, its mark is there still.
+fn refuse_foreign(files: &DemoFiles) -> Result<(), CommandError> {
+    if files.at(RENDERING).exists() {
+        return Ok(());
+    }
+    let foreign = DEMO_NAMES.iter().map(|name| files.at(name));
+    match foreign.into_iter().find(|path| path.exists()) {
+        None => Ok(()),
+        Some(path) => Err(CommandError::input(format!(
+            "{}: found something that is no demo's, expected a folder without it: name another folder",
+            path.display()
+        ))),
+    }
 }
 
 /// Renders all pictures and writes what a user would have: pictures, camera, cross, bars; and the truth.
@@ -225,6 +278,8 @@ fn render_demo(
     let images = files.at("images");
     fs::create_dir_all(&images)
         .map_err(|e| CommandError::input(format!("{}: {e}", images.display())))?;
+    let mark = files.at(RENDERING);
+    write_file(&mark, b"")?;
     let render_settings = RenderSettings::default();
     let task = monitor.task("rendering pictures", experiment.stations.len() as u64);
     experiment
@@ -232,8 +287,11 @@ fn render_demo(
         .par_iter()
         .enumerate()
         .map(|(index, station)| {
-            task.step()
-                .map_err(|Interrupted| CommandError::interrupted())?;
+            task.step().map_err(|Interrupted| {
+                CommandError::interrupted(
+                    "interrupted while rendering; the same command renders the pictures again",
+                )
+            })?;
             // Every picture its own noise, the same in every run.
             let noise_seed = request.seed.wrapping_mul(1000).wrapping_add(index as u64);
             let picture = render(
@@ -260,6 +318,8 @@ fn render_demo(
     let json = serde_json::to_string(&demo)
         .map_err(|e| CommandError::work(format!("truth as JSON: {e}")))?;
     write_file(&files.at("truth.json"), json.as_bytes())?;
+    // The truth says that the demo is complete; a mark that stays does no harm beside it.
+    let _ = fs::remove_file(mark);
     Ok(demo)
 }
 

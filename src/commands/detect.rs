@@ -43,6 +43,8 @@ pub fn detect(request: &DetectRequest, form: Form, monitor: &Monitor) -> Result<
     let mut reports = Vec::new();
     let mut lines = String::new();
     let mut refused: Vec<String> = Vec::new();
+    let mut done = 0;
+    let mut interrupted = false;
     for path in &request.images {
         let picture = match checked_picture(path, &cameras) {
             Ok(picture) => picture,
@@ -51,12 +53,16 @@ pub fn detect(request: &DetectRequest, form: Form, monitor: &Monitor) -> Result<
                 continue;
             }
         };
-        task.step().map_err(|_| CommandError::interrupted())?;
+        if task.step().is_err() {
+            interrupted = true;
+            break;
+        }
         let settings = settings_for(&picture, &cameras);
         let detections = detect_targets(&picture, &request.families, &settings);
         if let Some(overlays) = &mut overlays {
             overlays.write(path, &picture, &detections)?;
         }
+        done += 1;
         let name = path.to_string_lossy();
         match form {
             Form::Json => reports.push(DetectReport::new(&name, &detections)),
@@ -66,7 +72,7 @@ pub fn detect(request: &DetectRequest, form: Form, monitor: &Monitor) -> Result<
             }
         }
     }
-    if refused.len() < request.images.len() {
+    if done > 0 {
         match form {
             Form::Json => {
                 let json = serde_json::to_string_pretty(&reports)
@@ -75,6 +81,13 @@ pub fn detect(request: &DetectRequest, form: Form, monitor: &Monitor) -> Result<
             }
             Form::Text => show(&lines)?,
         }
+    }
+    if interrupted {
+        return Err(CommandError::interrupted(format!(
+            "interrupted after {} of {} images; what was found in them is printed",
+            done + refused.len(),
+            request.images.len()
+        )));
     }
     match refused.as_slice() {
         [] => Ok(()),

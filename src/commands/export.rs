@@ -10,8 +10,8 @@ use crate::network::Network;
 use crate::project::files::read_reference;
 use crate::project::storage::Store;
 use crate::report::{
-    CompareSettings, NoFigures, compare as compare_points, export_cameras, export_missing,
-    export_observations, export_points, export_stations, write_file,
+    CompareSettings, NoFigures, check_apart, compare as compare_points, export_cameras,
+    export_missing, export_observations, export_points, export_stations, write_file,
 };
 
 /// Which tables to write where.
@@ -59,18 +59,23 @@ fn read_project(project: &Path) -> Result<Reading, CommandError> {
 /// # Errors
 /// [`CommandError`] where the project cannot be read, its adjustment is older than its inputs, or a file cannot be written.
 pub fn export(request: &ExportRequest) -> Result<(), CommandError> {
-    let asked = [
-        &request.points,
-        &request.observations,
-        &request.missing,
-        &request.stations,
-        &request.cameras,
+    let tables = [
+        ("--points", &request.points),
+        ("--observations", &request.observations),
+        ("--missing", &request.missing),
+        ("--stations", &request.stations),
+        ("--cameras", &request.cameras),
     ];
-    if asked.iter().all(|path| path.is_none()) {
+    let asked: Vec<(&str, &Path)> = tables
+        .iter()
+        .filter_map(|(option, path)| Some((*option, path.as_deref()?)))
+        .collect();
+    if asked.is_empty() {
         return Err(CommandError::input(
             "export: found no table to write, expected --points, --observations, --missing, --stations or --cameras",
         ));
     }
+    check_apart(&[("the project", &request.project)], &asked)?;
     let Reading { network, damage } = read_project(&request.project)?;
     let work = |e: NoFigures| match &damage {
         Ok(()) => CommandError::work(format!("{}: {e}", request.project.display())),

@@ -24,7 +24,7 @@ use crate::project::intake::IntakeError;
 use crate::project::making::MakingError;
 use crate::project::session::{Session, SessionError};
 use crate::project::storage::StorageError;
-use crate::report::WriteError;
+use crate::report::{SameFile, WriteError};
 
 pub use adjust::{AdjustRequest, adjust};
 pub use codes::{SheetRequest, codes, codes_sheet};
@@ -105,14 +105,21 @@ impl CommandError {
         }
     }
 
-    /// The operator stopped it.
+    /// The operator stopped it; the line says what of the work there is.
     #[must_use]
-    pub fn interrupted() -> Self {
+    pub fn interrupted(line: impl Into<String>) -> Self {
         Self {
             failure: Failure::Interrupted,
-            line: "interrupted; all finished steps are kept, the same command goes on from there"
-                .into(),
+            line: line.into(),
         }
+    }
+
+    /// The operator stopped work on a project, which is saved step by step.
+    #[must_use]
+    pub fn interrupted_between_steps() -> Self {
+        Self::interrupted(
+            "interrupted; all finished steps are kept, the same command goes on from there",
+        )
     }
 }
 
@@ -124,7 +131,10 @@ impl From<FileError> for CommandError {
 
 impl From<IntakeError> for CommandError {
     fn from(error: IntakeError) -> Self {
-        Self::input(error.to_string())
+        match error {
+            IntakeError::Interrupted(_) => Self::interrupted("interrupted; nothing was changed"),
+            other => Self::input(other.to_string()),
+        }
     }
 }
 
@@ -143,6 +153,7 @@ impl From<ImportingError> for CommandError {
     fn from(error: ImportingError) -> Self {
         match error {
             ImportingError::Storage(error) => error.into(),
+            ImportingError::Interrupted(_) => Self::interrupted("interrupted; nothing was made"),
             other => Self::input(other.to_string()),
         }
     }
@@ -183,6 +194,12 @@ impl From<StorageError> for CommandError {
             failure,
             line: error.to_string(),
         }
+    }
+}
+
+impl From<SameFile> for CommandError {
+    fn from(error: SameFile) -> Self {
+        Self::input(error.to_string())
     }
 }
 

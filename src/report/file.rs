@@ -26,15 +26,29 @@ pub fn write_file(path: &Path, content: &[u8]) -> Result<(), WriteError> {
     })
 }
 
+/// Names of standard output. They are written to as a stream: where they lead to a file, it is one that the shell opened, whose
+/// end is not ours to choose and whose content is not ours to replace.
+const STANDARD_OUTPUT: [&str; 3] = ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"];
+
+/// A reader that has gone away has what it wanted.
+fn without_reader(written: io::Result<()>) -> io::Result<()> {
+    match written {
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        other => other,
+    }
+}
+
 fn write(path: &Path, content: &[u8]) -> io::Result<()> {
+    if STANDARD_OUTPUT.iter().any(|name| path == Path::new(name)) {
+        let mut out = io::stdout().lock();
+        return without_reader(out.write_all(content).and_then(|()| out.flush()));
+    }
     // A link stays a link: what it points to is replaced.
     let path = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     let existing = fs::metadata(&path).ok();
     if existing.as_ref().is_some_and(|m| !m.is_file()) {
-        return OpenOptions::new()
-            .write(true)
-            .open(&path)?
-            .write_all(content);
+        let mut stream = OpenOptions::new().write(true).open(&path)?;
+        return without_reader(stream.write_all(content));
     }
     let name = path
         .file_name()
@@ -70,9 +84,96 @@ fn write_through(path: &Path, content: &[u8]) -> io::Result<()> {
     file.sync_all()
 }
 
+/// One file in two roles, of which one would be lost; one line.
+#[derive(Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{}: found the file of {first} and of {second}, expected two", path.display())]
+pub struct SameFile {
+    /// The file as given for the second role.
+    pub path: PathBuf,
+    /// What it is first.
+    pub first: &'static str,
+    /// What it is besides.
+    pub second: &'static str,
+}
+
+/// Refuses to write where something is read from, or two tables into one file; a pipe or a device takes several.
+///
+/// # Errors
+/// [`SameFile`] with the roles of the file.
+pub fn check_apart(
+    read: &[(&'static str, &Path)],
+    written: &[(&'static str, &Path)],
+) -> Result<(), SameFile> {
+    let mut known: Vec<(PathBuf, &'static str)> = read
+        .iter()
+        .map(|(role, path)| (whole(path), *role))
+        .collect();
+    for &(second, path) in written {
+        let is_stream = fs::metadata(path).is_ok_and(|found| !found.is_file())
+            || STANDARD_OUTPUT.iter().any(|name| path == Path::new(name));
+        if is_stream {
+            continue;
+        }
+        let file = whole(path);
+        if let Some((_, first)) = known.iter().find(|(other, _)| *other == file) {
+            return Err(SameFile {
+                path: path.to_owned(),
+                first,
+                second,
+            });
+        }
+        known.push((file, second));
+    }
+    Ok(())
+}
+
+/// The path without links, also of a file that does not exist yet.
+fn whole(path: &Path) -> PathBuf {
+    let of_folder = || {
+        let folder = match path.parent() {
+            Some(folder) if !folder.as_os_str().is_empty() => folder,
+            _ => Path::new("."),
+        };
+        Some(fs::canonicalize(folder).ok()?.join(path.file_name()?))
+    };
+    fs::canonicalize(path)
+        .ok()
+        .or_else(of_folder)
+        .unwrap_or_else(|| path.to_owned())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_file_is_read_or_written_and_written_once() {
+        let folder = std::env::temp_dir().join(format!("tiepoint-apart-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let project = folder.join("box.tiepoint");
+        fs::write(&project, b"").unwrap();
+        let table = folder.join("points.csv");
+        let read = [("the project", project.as_path())];
+        assert_eq!(check_apart(&read, &[("--points", &table)]), Ok(()));
+        let roundabout = folder.join("../").join(folder.file_name().unwrap());
+        let again = roundabout.join("box.tiepoint");
+        let same = check_apart(&read, &[("--points", &again)]).unwrap_err();
+        assert!(
+            same.to_string()
+                .ends_with("found the file of the project and of --points, expected two"),
+            "{same}"
+        );
+        let new = roundabout.join("points.csv");
+        let written = [("--points", table.as_path()), ("--stations", &new)];
+        assert_eq!(
+            check_apart(&read, &written).unwrap_err().second,
+            "--stations"
+        );
+        let stream = Path::new("/dev/stdout");
+        let written = [("--points", stream), ("--stations", stream)];
+        assert_eq!(check_apart(&read, &written), Ok(()));
+        fs::remove_dir_all(&folder).unwrap();
+    }
 
     #[test]
     fn a_file_is_replaced_and_nothing_is_left_beside_it() {

@@ -75,6 +75,7 @@ fn camera() -> CameraEntry {
         camera,
         known_sigmas: [None; 10],
         parameters: Default::default(),
+        stated: Default::default(),
         source: InteriorSource::CameraFile,
         exif_model: None,
     }

@@ -35,7 +35,7 @@ pub use connectivity::connectivity_table;
 pub use csv_text::csv_text;
 pub use detect::{DetectReport, detect_line};
 pub use export::{NoFigures, export_cameras, export_observations, export_points, export_stations};
-pub use file::{WriteError, write_file};
+pub use file::{SameFile, WriteError, check_apart, write_file};
 pub use missing::{export_missing, missing_by_class};
 pub use naming::{
     Ambiguity, ExistingNames, Naming, NamingError, NamingSettings, ReferenceLeft, Rival,
@@ -43,7 +43,7 @@ pub use naming::{
 };
 pub use overlay::overlay;
 pub use plain_answers::{
-    CheckDistanceRow, CheckPointRow, DerivedRow, NoSuchPoint, PlainAnswers, Question, asks,
+    CheckDistanceRow, CheckPointRow, DerivedRow, NoAnswer, PlainAnswers, Question, asks,
     covariance_csv,
 };
 pub use plain_network::{
