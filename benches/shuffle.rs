@@ -48,7 +48,8 @@ fn project(family: Family, cameras: &[CameraFile], files: &[PathBuf]) -> Network
     Arc::make_mut(&mut network.settings).families = vec![family];
     add_cameras(&mut network, cameras);
     for file in files {
-        add_images(&mut network, Path::new("/"), std::slice::from_ref(file)).expect("a picture");
+        let files = std::slice::from_ref(file);
+        add_images(&mut network, Path::new("/"), files, &Monitor::new()).expect("a picture");
     }
     network
 }

@@ -54,6 +54,26 @@ enum Command {
     Codes(Codes),
 }
 
+impl Command {
+    /// Whether it looks at the interrupt: Ctrl-C ends the others at once, which write whole files and projects or nothing.
+    fn obeys_interrupt(&self) -> bool {
+        match self {
+            Self::Demo(_)
+            | Self::New(_)
+            | Self::Add(_)
+            | Self::Run(_)
+            | Self::Detect(_)
+            | Self::Adjust(_)
+            | Self::Import(_) => true,
+            Self::Exclude(_)
+            | Self::Export(_)
+            | Self::Compare(_)
+            | Self::Name(_)
+            | Self::Codes(_) => false,
+        }
+    }
+}
+
 #[derive(Args)]
 struct Demo {
     /// Folder of the demo's pictures, project and tables.
@@ -337,7 +357,8 @@ fn main() -> ExitCode {
     let result = match arguments.command {
         None => beginning(arguments.project).and_then(show),
         Some(Command::Demo(demo)) => show_demo(demo.into()),
-        Some(command) => headless(|monitor| run(command, monitor)),
+        Some(command) if command.obeys_interrupt() => headless(|monitor| run(command, monitor)),
+        Some(command) => run(command, &Monitor::new()),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -380,7 +401,10 @@ fn show(beginning: Beginning) -> Result<(), CommandError> {
 }
 
 fn without_window(error: WindowError) -> CommandError {
-    CommandError::window(error.to_string())
+    match error {
+        WindowError::NotSaved(line) => CommandError::work(line),
+        other => CommandError::window(other.to_string()),
+    }
 }
 
 /// The demo in the window, or headless where there is no display.
@@ -414,18 +438,21 @@ fn one_line(error: &clap::Error) -> String {
 fn run(command: Command, monitor: &Monitor) -> Result<(), CommandError> {
     match command {
         Command::Demo(demo) => commands::demo(&demo.into(), monitor),
-        Command::New(new) => commands::new(&commands::NewRequest {
-            project: new.project,
-            images: new.images,
-            cameras: new.camera,
-            targets: new.targets,
-            cross: new.cross,
-            bars: new.bars,
-            control: new.control,
-            families: new.codes,
-            identification: new.identification.into(),
-        }),
-        Command::Add(images) => commands::add(&images.project, &images.images),
+        Command::New(new) => {
+            let request = commands::NewRequest {
+                project: new.project,
+                images: new.images,
+                cameras: new.camera,
+                targets: new.targets,
+                cross: new.cross,
+                bars: new.bars,
+                control: new.control,
+                families: new.codes,
+                identification: new.identification.into(),
+            };
+            commands::new(&request, monitor)
+        }
+        Command::Add(images) => commands::add(&images.project, &images.images, monitor),
         Command::Exclude(images) => commands::exclude(&images.project, &images.images),
         Command::Run(run) => {
             let until = run.until.unwrap_or(Stage::Adjust);
@@ -495,11 +522,14 @@ fn run(command: Command, monitor: &Monitor) -> Result<(), CommandError> {
             commands::Form::of_json(adjust.json),
             monitor,
         ),
-        Command::Import(import) => commands::import(&commands::ImportRequest {
-            program: import.from,
-            folder: import.folder,
-            project: import.project,
-        }),
+        Command::Import(import) => {
+            let request = commands::ImportRequest {
+                program: import.from,
+                folder: import.folder,
+                project: import.project,
+            };
+            commands::import(&request, monitor)
+        }
         Command::Codes(codes) => write_codes(codes),
     }
 }

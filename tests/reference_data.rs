@@ -51,7 +51,8 @@ fn the_panel_of_known_points_is_measured_from_photographs() {
         &mut network,
         &read_cameras(&folder.join("camera.toml")).expect("a camera"),
     );
-    add_images(&mut network, &scratch, &[folder.join("images")]).expect("images");
+    let monitor = Monitor::new();
+    add_images(&mut network, &scratch, &[folder.join("images")], &monitor).expect("images");
     let mut session = Session::create(&project, network).expect("a project");
     measure(&mut session, Stage::Adjust, &Monitor::new()).expect("a measurement");
     let network = session.network().clone();

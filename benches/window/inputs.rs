@@ -103,7 +103,7 @@ impl Inputs {
             known_sigmas: [None; 10],
         };
         fs::write(folder.join("camera.toml"), cameras_toml(&[camera])).expect("a camera file");
-        new(&NewRequest {
+        let plan = NewRequest {
             project: project.clone(),
             images: vec![folder.join("large.png")],
             cameras: vec![folder.join("camera.toml")],
@@ -113,8 +113,8 @@ impl Inputs {
             control: None,
             families: vec![Family::Dot420],
             identification: Default::default(),
-        })
-        .expect("a project");
+        };
+        new(&plan, &Monitor::new()).expect("a project");
         project
     }
 }
@@ -133,6 +133,7 @@ pub(crate) fn ring_of_stations(stations: u32, points: u32) -> Network {
         camera,
         known_sigmas: [None; 10],
         parameters: Default::default(),
+        stated: Default::default(),
         source: InteriorSource::CameraFile,
         exif_model: None,
     };

@@ -2,6 +2,7 @@
 
 use super::CommandError;
 use super::terminal::show;
+use crate::monitor::Monitor;
 use crate::network::{FindingKind, Network};
 use crate::project::import::import as make;
 
@@ -11,8 +12,8 @@ pub use crate::project::import::{ImportPlan as ImportRequest, Program};
 ///
 /// # Errors
 /// [`CommandError`] for a missing folder, a missing or bad file, an existing project.
-pub fn import(request: &ImportRequest) -> Result<(), CommandError> {
-    let session = make(request)?;
+pub fn import(request: &ImportRequest, monitor: &Monitor) -> Result<(), CommandError> {
+    let session = make(request, monitor)?;
     let mut text = format!(
         "{}: {}",
         request.project.display(),

@@ -21,7 +21,7 @@ pub fn run(
     monitor: &Monitor,
 ) -> Result<(), CommandError> {
     let mut session = open_to_change(project)?;
-    let found = session.look_again_for_pictures()?;
+    let found = session.look_again_for_pictures(monitor)?;
     session.flush()?;
     if found > 0 {
         say(&format!(
@@ -46,7 +46,7 @@ pub fn run(
     }
     let last = runs.last();
     if last.is_some_and(|run| run.outcome == Outcome::Interrupted) {
-        return Err(CommandError::interrupted());
+        return Err(CommandError::interrupted_between_steps());
     }
     match last {
         Some(StageRun {

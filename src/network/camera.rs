@@ -52,6 +52,21 @@ impl LensParameter {
     }
 }
 
+/// What of its scale a camera file states, in millimetres; EXIF data fill in the rest.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StatedScale {
+    /// The pixel pitch.
+    pub pitch: bool,
+    /// The principal distance.
+    pub distance: bool,
+}
+
+impl StatedScale {
+    fn is_nothing(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
 /// A camera with its start and its present values.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CameraEntry {
@@ -66,6 +81,9 @@ pub struct CameraEntry {
     /// What self-calibration may do with the parameters, in the order of `INTERIOR_NAMES`.
     #[serde(default, skip_serializing_if = "LensParameter::are_automatic")]
     pub parameters: [LensParameter; 10],
+    /// What of its scale its file states.
+    #[serde(default, skip_serializing_if = "StatedScale::is_nothing")]
+    pub stated: StatedScale,
     /// Where the principal distance comes from.
     pub source: InteriorSource,
     /// Camera model in the EXIF data of its images.

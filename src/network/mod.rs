@@ -29,7 +29,7 @@ use serde::{Deserialize, Serialize};
 use crate::geometry::Similarity;
 
 pub use ambiguity::{Agreement, AmbiguousGroup, ReadTarget, Reading};
-pub use camera::{CameraEntry, CameraId, InteriorSource, LensParameter};
+pub use camera::{CameraEntry, CameraId, InteriorSource, LensParameter, StatedScale};
 pub use connectivity::{CODES_TO_CONNECT, Code, Connectivity, ImageConnectivity};
 pub use expansion::{Expansion, REFERENCE_CELSIUS, length_at_reference, reason_of_length};
 pub use frame::{Frame, FrameProblem, FrameResult};

@@ -15,8 +15,8 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use crate::network::{
-    BarRole, CodeDot, ControlRole, Frame, ImageId, ImageUse, Label, MeasurementSettings,
-    NameProblem, Network, PointId, Reading, ScaleBar, Source, Stage,
+    BarRole, CodeDot, ControlRole, Frame, ImageEntry, ImageId, ImageUse, Label,
+    MeasurementSettings, NameProblem, Network, PointId, Reading, ScaleBar, Source, Stage,
 };
 use crate::targets::{CodeReading, Dot, DotIndex};
 
@@ -451,9 +451,8 @@ fn labelled(network: &Network, image: ImageId, dot: DotIndex) -> Result<(), Edit
 /// that was rejected takes part again, and a number that is new for a plain target is given to no other one.
 fn name(network: &mut Network, image: ImageId, dot: DotIndex, point: PointId) {
     let entry = network.image_mut(image);
-    let labels = Arc::make_mut(&mut entry.labels);
-    labels.retain(|other, label| *other == dot || label.point != point);
-    labels.insert(
+    unlabel_where(entry, |other, label| *other != dot && label.point == point);
+    Arc::make_mut(&mut entry.labels).insert(
         dot,
         Label {
             point,
@@ -471,9 +470,21 @@ fn name(network: &mut Network, image: ImageId, dot: DotIndex, point: PointId) {
 
 /// Takes a name away; a dot that the operator rejected stays rejected.
 fn unlabel(network: &mut Network, image: ImageId, dot: DotIndex) {
-    let entry = network.image_mut(image);
-    let removed = Arc::make_mut(&mut entry.labels).remove(&dot);
-    if removed.is_some_and(|label| label.is_rejected_by_operator()) {
+    unlabel_where(network.image_mut(image), |other, _| *other == dot);
+}
+
+/// Takes the names of these dots away; those that the operator rejected stay rejected.
+fn unlabel_where(entry: &mut ImageEntry, is_meant: impl Fn(&DotIndex, &Label) -> bool) {
+    let meant = entry
+        .labels
+        .iter()
+        .filter(|(dot, label)| is_meant(dot, label));
+    let rejected: Vec<DotIndex> = meant
+        .filter(|(_, label)| label.is_rejected_by_operator())
+        .map(|(dot, _)| *dot)
+        .collect();
+    Arc::make_mut(&mut entry.labels).retain(|dot, label| !is_meant(dot, label));
+    for dot in rejected {
         Arc::make_mut(&mut entry.rejected_dots).insert(dot, REJECTED_BY_OPERATOR.to_owned());
     }
 }
@@ -543,7 +554,7 @@ fn set_aside(network: &mut Network, image: ImageId, reading: usize) -> Result<()
         }
     };
     let entry = network.image_mut(image);
-    Arc::make_mut(&mut entry.labels).retain(|dot, label| !of_reading(dot, label));
+    unlabel_where(entry, of_reading);
     Arc::make_mut(&mut entry.set_aside).insert(reading, SET_ASIDE_BY_OPERATOR.to_owned());
     Ok(())
 }

@@ -1,5 +1,7 @@
 //! Taking images into a project: files, cameras, the same picture twice.
 
+mod cameras;
+
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{self, Read};
@@ -9,26 +11,16 @@ use std::sync::Arc;
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 
-use super::files::CameraFile;
-use crate::camera::{Camera, InteriorOrientation};
+pub use self::cameras::add_cameras;
+use self::cameras::{camera_of_meta, complete_from_meta, matching_camera};
 use crate::imaging::{LoadError, PictureMeta, read_meta, read_size};
-use crate::network::{
-    CameraEntry, CameraId, ImageEntry, ImageFile, ImageId, ImageUse, InteriorSource, Network,
-};
+use crate::monitor::{Interrupted, Monitor};
+use crate::network::{ImageEntry, ImageFile, ImageId, ImageUse, Network};
 
 /// Extensions that make a file of a folder an image.
 const IMAGE_EXTENSIONS: [&str; 9] = [
     "png", "jpg", "jpeg", "tif", "tiff", "bmp", "pgm", "ppm", "pnm",
 ];
-
-/// Principal distance over image width where nothing is known, as of a moderate wide-angle lens; the start of a search.
-const UNKNOWN_DISTANCE_PER_WIDTH: f64 = 1.0;
-
-/// Image width of a camera of which nothing is known, mm (a full-frame sensor); only ratios matter then.
-const UNKNOWN_WIDTH_MM: f64 = 36.0;
-
-/// Diagonal of 36 mm x 24 mm film, to which "35 mm equivalent" focal lengths refer, mm.
-const FILM_DIAGONAL_MM: f64 = 43.266_615_305_567_87;
 
 /// Why images could not be taken in.
 #[derive(Debug, thiserror::Error)]
@@ -94,6 +86,17 @@ pub enum IntakeError {
         /// Cameras of that size.
         found: usize,
     },
+    /// The name of the file cannot be stored as text.
+    #[error(
+        "{path}: found a file name that is no UTF-8 text, expected one that a project can keep"
+    )]
+    Name {
+        /// The file, as far as its name can be shown.
+        path: String,
+    },
+    /// The operator stopped it.
+    #[error(transparent)]
+    Interrupted(#[from] Interrupted),
     /// The image to exclude is not in the project.
     #[error("{path}: found no such image in the project, expected one of its {images} images")]
     NotInProject {
@@ -115,51 +118,6 @@ struct Candidate {
     meta: PictureMeta,
 }
 
-/// Adds the cameras of camera files to a network.
-pub fn add_cameras(network: &mut Network, files: &[CameraFile]) {
-    for file in files {
-        let pitch = file
-            .pixel_pitch_mm
-            .unwrap_or(UNKNOWN_WIDTH_MM / f64::from(file.width_px));
-        let nominal = Camera {
-            width_px: file.width_px,
-            height_px: file.height_px,
-            pixel_pitch_mm: pitch,
-            interior: InteriorOrientation {
-                principal_distance: file
-                    .principal_distance_mm
-                    .unwrap_or(UNKNOWN_DISTANCE_PER_WIDTH * pitch * f64::from(file.width_px)),
-                ..file.interior()
-            },
-        };
-        // A principal distance in millimetres says nothing without the pitch.
-        let known = file.principal_distance_mm.is_some() && file.pixel_pitch_mm.is_some();
-        add_camera(
-            network,
-            CameraEntry {
-                name: file.name.clone(),
-                camera: nominal.clone(),
-                nominal,
-                known_sigmas: file.known_sigmas,
-                parameters: Default::default(),
-                source: if known {
-                    InteriorSource::CameraFile
-                } else {
-                    InteriorSource::Unknown
-                },
-                exif_model: None,
-            },
-        );
-    }
-}
-
-fn add_camera(network: &mut Network, entry: CameraEntry) -> CameraId {
-    let cameras = Arc::make_mut(&mut network.cameras);
-    let id = CameraId(cameras.keys().next_back().map_or(1, |last| last.0 + 1));
-    cameras.insert(id, Arc::new(entry));
-    id
-}
-
 /// Adds images (files, or all images of folders) to a network; paths are stored relative to `folder` where they can be.
 ///
 /// # Errors
@@ -168,11 +126,12 @@ pub fn add_images(
     network: &mut Network,
     folder: &Path,
     paths: &[PathBuf],
+    monitor: &Monitor,
 ) -> Result<usize, IntakeError> {
     let files = expand(paths)?;
     let candidates = files
         .par_iter()
-        .map(|path| examine(path, folder))
+        .map(|path| examine(path, folder, monitor))
         .collect::<Vec<_>>()
         .into_iter()
         .collect::<Result<Vec<_>, _>>()?;
@@ -334,17 +293,24 @@ pub(super) fn has_image_extension(path: &Path) -> bool {
     extension.is_some_and(|e| IMAGE_EXTENSIONS.contains(&e.as_str()))
 }
 
-fn examine(path: &Path, folder: &Path) -> Result<Candidate, IntakeError> {
+fn examine(path: &Path, folder: &Path, monitor: &Monitor) -> Result<Candidate, IntakeError> {
+    monitor.check()?;
     let unreadable = |source| IntakeError::Unreadable {
         path: path.display().to_string(),
         source,
     };
     let (width_px, height_px) = read_size(path)?;
     let meta = read_meta(path)?;
-    let (size_bytes, sha256) = hash(path).map_err(unreadable)?;
+    let stored = stored_path(path, folder);
+    if !picture_path(folder, &stored).is_file() {
+        return Err(IntakeError::Name {
+            path: path.display().to_string(),
+        });
+    }
+    let (size_bytes, sha256) = hash_unless_interrupted(path, monitor)?.map_err(unreadable)?;
     Ok(Candidate {
         path: path.to_owned(),
-        stored: stored_path(path, folder),
+        stored,
         size_bytes,
         sha256,
         width_px,
@@ -355,23 +321,37 @@ fn examine(path: &Path, folder: &Path) -> Result<Candidate, IntakeError> {
 
 /// Size in bytes and SHA-256 (hexadecimal) of a file.
 pub(super) fn hash(path: &Path) -> io::Result<(u64, String)> {
-    let mut file = File::open(path)?;
+    // Nobody interrupts this monitor.
+    hash_unless_interrupted(path, &Monitor::new())
+        .unwrap_or_else(|Interrupted| Err(io::ErrorKind::Interrupted.into()))
+}
+
+/// As [`hash`], but obeys an interrupt within the file.
+fn hash_unless_interrupted(
+    path: &Path,
+    monitor: &Monitor,
+) -> Result<io::Result<(u64, String)>, Interrupted> {
+    let mut file = match File::open(path) {
+        Ok(file) => file,
+        Err(error) => return Ok(Err(error)),
+    };
     let mut hasher = Sha256::new();
     let mut buffer = vec![0; 1 << 16];
     let mut size = 0;
     loop {
-        let read = file.read(&mut buffer)?;
-        if read == 0 {
-            break;
+        monitor.check()?;
+        match file.read(&mut buffer) {
+            Ok(0) => break,
+            Ok(read) => {
+                size += read as u64;
+                hasher.update(&buffer[..read]);
+            }
+            Err(error) => return Ok(Err(error)),
         }
-        size += read as u64;
-        hasher.update(&buffer[..read]);
     }
     let digest = hasher.finalize();
-    Ok((
-        size,
-        digest.iter().map(|byte| format!("{byte:02x}")).collect(),
-    ))
+    let digest = digest.iter().map(|byte| format!("{byte:02x}")).collect();
+    Ok(Ok((size, digest)))
 }
 
 /// The path relative to the project's folder where the file lies in or beside it, else the absolute one; with slashes.
@@ -398,149 +378,4 @@ pub(super) fn stored_path(path: &Path, folder: &Path) -> String {
         .skip(common)
         .map(|c| c.as_os_str().to_string_lossy().into_owned());
     up.chain(down).collect::<Vec<_>>().join("/")
-}
-
-/// The camera file whose size, and where several have it whose name, fits the picture.
-fn matching_camera(network: &Network, candidate: &Candidate) -> Result<CameraId, IntakeError> {
-    let path = || candidate.path.display().to_string();
-    let of_size: Vec<(CameraId, &CameraEntry)> = network
-        .cameras
-        .iter()
-        .filter(|(_, c)| {
-            (c.camera.width_px, c.camera.height_px) == (candidate.width_px, candidate.height_px)
-        })
-        .map(|(id, c)| (*id, c.as_ref()))
-        .collect();
-    match of_size.as_slice() {
-        [(id, _)] => Ok(*id),
-        [] => Err(IntakeError::WrongSize {
-            path: path(),
-            width: candidate.width_px,
-            height: candidate.height_px,
-            cameras: network
-                .cameras
-                .values()
-                .map(|c| {
-                    format!(
-                        "{} x {} px of camera '{}'",
-                        c.camera.width_px, c.camera.height_px, c.name
-                    )
-                })
-                .collect::<Vec<_>>()
-                .join(" or "),
-        }),
-        several => {
-            let model = candidate.meta.model.as_deref().map(str::trim);
-            several
-                .iter()
-                .find(|(_, c)| model == Some(c.name.trim()))
-                .map(|(id, _)| *id)
-                .ok_or_else(|| IntakeError::AmbiguousCamera {
-                    path: path(),
-                    found: several.len(),
-                })
-        }
-    }
-}
-
-/// Gives a camera whose file names no principal distance that of the picture's EXIF data, where they have one.
-fn complete_from_meta(entry: &mut CameraEntry, candidate: &Candidate) {
-    if entry.source != InteriorSource::Unknown || !has_focal_length(&candidate.meta) {
-        return;
-    }
-    let by_meta = camera_from_meta(&candidate.meta, candidate.width_px, candidate.height_px);
-    entry.nominal.pixel_pitch_mm = by_meta.pixel_pitch_mm;
-    entry.nominal.interior.principal_distance = by_meta.interior.principal_distance;
-    entry.camera = entry.nominal.clone();
-    entry.source = InteriorSource::Exif;
-}
-
-fn has_focal_length(meta: &PictureMeta) -> bool {
-    match (
-        meta.focal_length_mm,
-        meta.focal_length_35mm,
-        meta.pixel_pitch_mm,
-    ) {
-        (_, Some(focal_35), _) => focal_35 > 0.0,
-        (Some(focal), None, Some(_)) => focal > 0.0,
-        _ => false,
-    }
-}
-
-/// The camera that the picture's EXIF data describe, new where it is the first of its kind.
-fn camera_of_meta(network: &mut Network, candidate: &Candidate) -> CameraId {
-    let nominal = camera_from_meta(&candidate.meta, candidate.width_px, candidate.height_px);
-    let known = has_focal_length(&candidate.meta);
-    let model = candidate
-        .meta
-        .model
-        .clone()
-        .unwrap_or_default()
-        .trim()
-        .to_owned();
-    let same = network
-        .cameras
-        .iter()
-        .find(|(_, c)| c.exif_model.as_deref() == Some(model.as_str()) && c.nominal == nominal);
-    if let Some((id, _)) = same {
-        return *id;
-    }
-    let name = if model.is_empty() {
-        "unknown camera".to_owned()
-    } else {
-        model.clone()
-    };
-    add_camera(
-        network,
-        CameraEntry {
-            name,
-            camera: nominal.clone(),
-            nominal,
-            known_sigmas: [None; 10],
-            parameters: Default::default(),
-            source: if known {
-                InteriorSource::Exif
-            } else {
-                InteriorSource::Unknown
-            },
-            exif_model: Some(model),
-        },
-    )
-}
-
-/// Pitch and principal distance from EXIF: the focal length with the sensor's pitch, else the 35 mm equivalent, which
-/// fixes the ratio of principal distance and diagonal.
-fn camera_from_meta(meta: &PictureMeta, width_px: u32, height_px: u32) -> Camera {
-    let diagonal_px = f64::from(width_px).hypot(f64::from(height_px));
-    let reduced = meta
-        .taken_width_px
-        .map_or(1.0, |taken| f64::from(taken) / f64::from(width_px.max(1)));
-    let plausible = |pitch: &f64| (2e-4..0.1).contains(pitch);
-    let (pitch, distance) = match (
-        meta.focal_length_mm,
-        meta.focal_length_35mm,
-        meta.pixel_pitch_mm,
-    ) {
-        (Some(focal), Some(focal_35), _) if focal > 0.0 && focal_35 > 0.0 => {
-            (FILM_DIAGONAL_MM * focal / focal_35 / diagonal_px, focal)
-        }
-        (Some(focal), None, Some(pitch)) if focal > 0.0 => (pitch * reduced, focal),
-        (None, Some(focal_35), _) if focal_35 > 0.0 => (FILM_DIAGONAL_MM / diagonal_px, focal_35),
-        _ => {
-            let pitch = UNKNOWN_WIDTH_MM / f64::from(width_px.max(1));
-            (pitch, UNKNOWN_DISTANCE_PER_WIDTH * UNKNOWN_WIDTH_MM)
-        }
-    };
-    let (pitch, distance) = if plausible(&pitch) {
-        (pitch, distance)
-    } else {
-        let pitch = UNKNOWN_WIDTH_MM / f64::from(width_px.max(1));
-        (pitch, UNKNOWN_DISTANCE_PER_WIDTH * UNKNOWN_WIDTH_MM)
-    };
-    Camera {
-        width_px,
-        height_px,
-        pixel_pitch_mm: pitch,
-        interior: InteriorOrientation::pinhole(distance),
-    }
 }

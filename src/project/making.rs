@@ -8,6 +8,7 @@ use super::files::{FileError, read_bars, read_cameras, read_control, read_cross,
 use super::intake::{IntakeError, add_cameras, add_images};
 use super::session::{Session, folder_of};
 use super::storage::StorageError;
+use crate::monitor::Monitor;
 use crate::network::{IdentificationRule, Network};
 use crate::targets::Family;
 
@@ -72,11 +73,12 @@ pub enum MakingError {
     Storage(#[from] StorageError),
 }
 
-/// Makes a project; nothing is written where any of the files is bad. Reads every picture once, so it may take long.
+/// Makes a project; nothing is written where any of the files is bad. Reads every picture once, so it may take long, and obeys an
+/// interrupt meanwhile.
 ///
 /// # Errors
 /// [`MakingError`] for a bad file, an existing project, a picture given twice or of another size than the cameras.
-pub fn make(plan: &ProjectPlan) -> Result<Session, MakingError> {
+pub fn make(plan: &ProjectPlan, monitor: &Monitor) -> Result<Session, MakingError> {
     // Before any picture is looked at; `Session::create` would see it too.
     if fs::symlink_metadata(&plan.project).is_ok() {
         return Err(MakingError::Exists {
@@ -104,7 +106,8 @@ pub fn make(plan: &ProjectPlan) -> Result<Session, MakingError> {
     for camera in &plan.cameras {
         add_cameras(&mut network, &read_cameras(camera)?);
     }
-    add_images(&mut network, &folder_of(&plan.project), &plan.images)?;
+    let folder = folder_of(&plan.project);
+    add_images(&mut network, &folder, &plan.images, monitor)?;
     Ok(Session::create(&plan.project, network)?)
 }
 
@@ -120,15 +123,57 @@ mod tests {
             folder.picture(&format!("images/{name}"), grey);
         }
         let plan = ProjectPlan::of_images(folder.at("p.tiepoint"), vec![folder.at("images")]);
-        let session = make(&plan).unwrap();
+        let session = make(&plan, &Monitor::new()).unwrap();
         let rule = session.network().settings.identification;
         assert_eq!(rule, IdentificationRule::Statistics);
         let paths = session.network().images.values();
         let paths: Vec<&str> = paths.map(|image| image.file.path.as_str()).collect();
         assert_eq!(paths, ["images/a.pgm", "images/b.pgm"]);
         drop(session);
-        let again = make(&plan).map(drop).unwrap_err();
+        let again = make(&plan, &Monitor::new()).map(drop).unwrap_err();
         assert!(matches!(again, MakingError::Exists { .. }), "{again}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_project_opened_through_a_link_finds_its_pictures() {
+        let folder = Folder::new("making-link");
+        folder.picture("job/a.pgm", 1);
+        let file = folder.at("job/p.tiepoint");
+        let plan = ProjectPlan::of_images(file.clone(), vec![folder.at("job/a.pgm")]);
+        drop(make(&plan, &Monitor::new()).unwrap());
+        std::os::unix::fs::symlink(&file, folder.at("link.tiepoint")).unwrap();
+        assert_eq!(folder_of(&folder.at("link.tiepoint")), folder.at("job"));
+        assert_eq!(folder_of(&file), folder.at("job"));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_name_that_cannot_be_kept_is_refused() {
+        use std::os::unix::ffi::OsStrExt;
+        let folder = Folder::new("making-name");
+        let name = std::ffi::OsStr::from_bytes(b"gr\xfcn.pgm");
+        let picture = folder.picture("a.pgm", 1);
+        let renamed = picture.with_file_name(name);
+        fs::rename(&picture, &renamed).unwrap();
+        let plan = ProjectPlan::of_images(folder.at("p.tiepoint"), vec![renamed]);
+        let error = make(&plan, &Monitor::new()).map(drop).unwrap_err();
+        assert!(error.to_string().contains("no UTF-8 text"), "{error}");
+    }
+
+    #[test]
+    fn an_interrupt_leaves_nothing_behind() {
+        let folder = Folder::new("making-interrupted");
+        folder.picture("a.pgm", 1);
+        let plan = ProjectPlan::of_images(folder.at("p.tiepoint"), vec![folder.at("a.pgm")]);
+        let monitor = Monitor::new();
+        monitor.interrupt();
+        let error = make(&plan, &monitor).map(drop).unwrap_err();
+        assert!(
+            matches!(error, MakingError::Intake(IntakeError::Interrupted(_))),
+            "{error}"
+        );
+        assert!(!plan.project.exists());
     }
 
     #[test]
@@ -139,7 +184,7 @@ mod tests {
             identification: IdentificationRule::Paper,
             ..ProjectPlan::of_images(folder.at("p.tiepoint"), vec![folder.at("a.pgm")])
         };
-        let session = make(&plan).unwrap();
+        let session = make(&plan, &Monitor::new()).unwrap();
         let rule = session.network().settings.identification;
         assert_eq!(rule, IdentificationRule::Paper);
     }
@@ -159,7 +204,10 @@ mod tests {
             ..images
         };
         for (plan, named) in [(bad_bars, "bars.csv"), (bad_image, "none.pgm")] {
-            let line = make(&plan).map(drop).unwrap_err().to_string();
+            let line = make(&plan, &Monitor::new())
+                .map(drop)
+                .unwrap_err()
+                .to_string();
             assert!(line.contains(named) && !line.contains('\n'), "{line}");
         }
         assert_eq!(folder.names("."), ["a.pgm", "bars.csv"]);

@@ -362,12 +362,12 @@ impl Session {
     ///
     /// # Errors
     /// None at present: [`Self::saving`] tells those of saving.
-    pub fn look_again_for_pictures(&mut self) -> Result<usize, StorageError> {
+    pub fn look_again_for_pictures(&mut self, monitor: &Monitor) -> Result<usize, StorageError> {
         let readable: Vec<ImageId> = self
             .network
             .used_images()
             .filter(|(_, image)| {
-                image.unreadable.is_some() && self.pictures.load(image, &Monitor::new()).is_ok()
+                image.unreadable.is_some() && self.pictures.load(image, monitor).is_ok()
             })
             .map(|(id, _)| id)
             .collect();
@@ -527,7 +527,10 @@ fn without_former_findings(network: &Network, stage: Stage) -> Network {
 /// The folder of a project file.
 #[must_use]
 pub fn folder_of(project: &Path) -> PathBuf {
-    match project.parent() {
+    // The pictures lie beside the file, not beside a link to it.
+    let is_link = project.is_symlink();
+    let real = is_link.then(|| project.canonicalize().ok()).flatten();
+    match real.as_deref().unwrap_or(project).parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent.to_owned(),
         _ => PathBuf::from("."),
     }

@@ -133,16 +133,18 @@ pub fn search_folder(
     let wanted: BTreeSet<String> = lost.iter().map(|id| name_of(&network.images[id])).collect();
     let there = files_by_name(folder, &wanted, monitor)?;
     let task = monitor.task("comparing pictures", lost.len() as u64);
+    let all_lost = lost.clone();
     for id in lost {
         task.step()?;
         let image = &network.images[&id];
         let candidates = there.get(&name_of(image)).map_or(&[][..], Vec::as_slice);
+        let rivals = namesakes(network, &all_lost, id);
         let mut same = None;
         for path in candidates {
             if monitor.is_interrupted() {
                 return Err(SearchError::Interrupted);
             }
-            if hashes.is(path, &image.file) {
+            if hashes.is(path, &image.file) && is_nearest(path, image, &rivals) {
                 same = Some(path);
                 break;
             }
@@ -156,11 +158,11 @@ pub fn search_folder(
                 };
                 moves.found.insert(id, found);
             }
-            (None, [first, ..]) => {
+            (None, [first, ..]) if rivals.is_empty() => {
                 moves.other_content.insert(id, first.clone());
             }
-            (None, []) if moves.other_content.contains_key(&id) => {}
-            (None, []) => moves.still_missing.push(id),
+            (None, _) if moves.other_content.contains_key(&id) => {}
+            (None, _) => moves.still_missing.push(id),
         }
     }
     Ok(moves)
@@ -196,6 +198,37 @@ fn look_again(
         moves.still_missing.push(id);
     }
     Ok(moves)
+}
+
+/// Lost images whose picture nobody has seen and whose file has the same name as that of an image of which nobody has either: only
+/// the folders tell them apart.
+fn namesakes<'a>(network: &'a Network, lost: &[ImageId], id: ImageId) -> Vec<&'a ImageEntry> {
+    let image = &network.images[&id];
+    if !image.file.sha256.is_empty() {
+        return Vec::new();
+    }
+    let name = name_of(image);
+    let others = lost.iter().filter(|other| **other != id);
+    others
+        .map(|other| network.images[other].as_ref())
+        .filter(|other| other.file.sha256.is_empty() && name_of(other) == name)
+        .collect()
+}
+
+/// Whether more of the folders of a file are those of this image than of any other that it may be the picture of.
+fn is_nearest(path: &Path, image: &ImageEntry, rivals: &[&ImageEntry]) -> bool {
+    let own = shared_folders(path, &image.file.path);
+    rivals
+        .iter()
+        .all(|rival| shared_folders(path, &rival.file.path) < own)
+}
+
+/// How many parts of a path, from its end, are those of a stored one.
+fn shared_folders(path: &Path, stored: &str) -> usize {
+    let path = path.to_string_lossy().to_lowercase();
+    let stored = stored.to_lowercase();
+    let parts = path.rsplit(['/', '\\']).zip(stored.rsplit(['/', '\\']));
+    parts.take_while(|(one, other)| one == other).count()
 }
 
 /// The name of an image's file, as it is looked for: cards and drives change capitals.
@@ -279,7 +312,7 @@ mod tests {
             folder.picture(&format!("p/images/{grey}.pgm"), grey);
         }
         let plan = ProjectPlan::of_images(folder.at("p/p.tiepoint"), vec![folder.at("p/images")]);
-        make(&plan).unwrap()
+        make(&plan, &Monitor::new()).unwrap()
     }
 
     fn search(session: &Session, folder: &Folder, place: &str) -> PictureMoves {
@@ -418,6 +451,33 @@ mod tests {
         );
         assert_eq!(session.move_pictures(&moves).unwrap().found, 3);
         assert_eq!(paths(&session)[..2], ["../elsewhere/1.pgm", "images/2.pgm"]);
+    }
+
+    #[test]
+    fn pictures_that_nobody_has_seen_are_told_apart_by_their_folders() {
+        let folder = Folder::new("whereabouts-cameras");
+        let mut session = project(&folder);
+        let imported: Result<(), StorageError> = session.edit("import", |network| {
+            for (id, path) in [(1, "left/7.pgm"), (2, "right/7.pgm")] {
+                let file = &mut network.image_mut(ImageId(id)).file;
+                (file.size_bytes, file.sha256) = (0, String::new());
+                file.path = path.into();
+            }
+            Ok(())
+        });
+        imported.unwrap();
+        folder.picture("found/right/7.pgm", 5);
+        let moves = search(&session, &folder, "found");
+        assert_eq!(moves.found.keys().collect::<Vec<_>>(), [&ImageId(2)]);
+        assert_eq!(moves.still_missing, [ImageId(1)]);
+        // Which of the two it is, nobody can tell.
+        folder.rename("found/right/7.pgm", "flat/7.pgm");
+        assert!(search(&session, &folder, "flat").found.is_empty());
+        folder.picture("found/left/7.pgm", 6);
+        folder.picture("found/right/7.pgm", 5);
+        let moves = search(&session, &folder, "found");
+        let paths: Vec<&str> = moves.found.values().map(|f| f.path.as_str()).collect();
+        assert_eq!(paths, ["../found/left/7.pgm", "../found/right/7.pgm"]);
     }
 
     #[test]

@@ -81,8 +81,8 @@ pub(super) fn leaves_images_out(network: &Network) -> bool {
         .any(|(id, ..)| !adjusted.contains(&id))
 }
 
-/// Whether the final adjustment was made on the present inputs but is no longer there: the history keeps the newest one
-/// only, so that going back to an older state needs it anew.
+/// Whether the final adjustment was made on the present inputs but is no longer there: it could not be read from a damaged
+/// file.
 pub(super) fn is_lost(network: &Network, stage: Stage) -> bool {
     let made = network
         .conclusions

@@ -146,6 +146,8 @@ fn build(network: &Network, start: &Start, monitor: &Monitor) -> Result<Network,
     }
     built.connection_order = Arc::new(start.images.to_vec());
     built.points = Arc::default();
+    built.tentative = Arc::default();
+    built.ambiguous = Arc::default();
     built.moved_by = None;
     intersect_new_points(&mut built);
     apply_frame(&mut built);

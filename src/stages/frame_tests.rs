@@ -286,7 +286,7 @@ fn known_coordinates_hold_the_shape_and_not_the_frame() {
 }
 
 #[test]
-fn an_adjustment_that_the_history_dropped_is_made_again() {
+fn an_undo_brings_the_adjustment_back_and_a_lost_one_is_made_again() {
     let (first, _) = adjusted(8);
     let free = framed(&first, Frame::Free);
     let frame = three(&free);
@@ -297,10 +297,14 @@ fn an_adjustment_that_the_history_dropped_is_made_again() {
     history.push("adjust", Arc::new(moved));
     history.undo();
     let older = history.undo().unwrap().network;
-    assert_eq!(older.frame, Frame::Free);
-    assert!(older.adjustment.is_none(), "only the newest is kept");
-    assert!(Stage::Adjust.next(&older).is_some());
-    let again = run(older.as_ref().clone(), Stage::Adjust);
+    assert_eq!(*older, free);
+    assert!(older.adjustment_is_fresh());
+    assert!(Stage::Adjust.next(&older).is_none());
+    // As of a file of which it could not be read.
+    let mut damaged = older.as_ref().clone();
+    damaged.adjustment = None;
+    assert!(Stage::Adjust.next(&damaged).is_some());
+    let again = run(damaged, Stage::Adjust);
     assert!(again.adjustment_is_fresh());
     same_places(&free, &again);
     history.redo();

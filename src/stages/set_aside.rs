@@ -45,15 +45,18 @@ pub(super) fn readings_aside(image: &ImageEntry) -> Vec<usize> {
         .collect()
 }
 
-/// Gives the dots of a reading that was set aside their names back, those that have no other now.
+/// Gives the dots of a reading that was set aside their names back, those that have no other now and that nobody rejected.
 pub(super) fn take_reading_up(image: &mut ImageEntry, place: usize) {
     let Some(detections) = image.detections.clone() else {
         return;
     };
     let reading = &detections.codes[place];
+    let rejected = Arc::clone(&image.rejected_dots);
     let labels = Arc::make_mut(&mut image.labels);
     let points = PointId::of_code(reading.family, reading.id);
-    for (dot, point) in reading.dots.iter().zip(points) {
+    let named = reading.dots.iter().zip(points);
+    // What the operator said of a dot stands.
+    for (dot, point) in named.filter(|(dot, _)| !rejected.contains_key(dot)) {
         labels.entry(*dot).or_insert(Label {
             point,
             source: Source::Automatic,

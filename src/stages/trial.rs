@@ -145,6 +145,7 @@ pub(super) fn images_that_show(codes_of_images: &[&[u32]]) -> Network {
         nominal,
         known_sigmas: [None; 10],
         parameters: Default::default(),
+        stated: Default::default(),
         source: InteriorSource::CameraFile,
         exif_model: None,
     };

@@ -120,6 +120,7 @@ fn told(camera: &Camera, random: &mut ChaCha8Rng) -> CameraEntry {
         nominal,
         known_sigmas: [None; 10],
         parameters: Default::default(),
+        stated: Default::default(),
         source: InteriorSource::CameraFile,
         exif_model: None,
     }

@@ -108,6 +108,7 @@ impl Cameras {
             nominal,
             known_sigmas: [None; 10],
             parameters: Default::default(),
+            stated: Default::default(),
             source,
             exif_model: None,
         }

@@ -133,6 +133,7 @@ pub(crate) fn of_experiment_with(
         nominal,
         known_sigmas: [None; 10],
         parameters: Default::default(),
+        stated: Default::default(),
         source: InteriorSource::CameraFile,
         exif_model: None,
     };

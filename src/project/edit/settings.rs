@@ -40,6 +40,8 @@ fn forget_detections(network: &mut Network) {
     });
     network.images = Arc::new(images.collect());
     network.points = Arc::default();
+    network.tentative = Arc::default();
+    network.ambiguous = Arc::default();
     network.moved_by = None;
     network.connection_order = Arc::default();
     network.passes = Arc::default();

@@ -112,6 +112,23 @@ fn a_rejected_dot_that_loses_its_name_stays_rejected() {
 }
 
 #[test]
+fn a_rejected_dot_whose_name_another_gets_stays_rejected() {
+    let dot = *network().images[&IMAGE].labels.keys().next().unwrap();
+    let point = network().images[&IMAGE].labels[&dot].point;
+    let other = unnamed(&network());
+    let label = Edit::Label {
+        image: IMAGE,
+        dot: other,
+        point,
+    };
+    let network = after(&[Edit::Reject { image: IMAGE, dot }, label]);
+    let image = &network.images[&IMAGE];
+    assert!(!image.labels.contains_key(&dot));
+    assert!(image.rejected_dots.contains_key(&dot));
+    assert_eq!(image.labels[&other].point, point);
+}
+
+#[test]
 fn what_is_accepted_is_the_operators() {
     let dot = *network().images[&IMAGE].labels.keys().next().unwrap();
     let accept = Edit::Accept { image: IMAGE, dot };

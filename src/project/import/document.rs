@@ -289,6 +289,7 @@ fn camera(own: &PlainCamera) -> CameraEntry {
             PlainParameter::Free => LensParameter::Free,
             PlainParameter::Weighted { .. } => LensParameter::Automatic,
         }),
+        stated: Default::default(),
         source: InteriorSource::CameraFile,
         exif_model: None,
     }

@@ -17,6 +17,7 @@ use std::str::FromStr;
 use super::files::FileError;
 use super::session::{Session, folder_of};
 use super::storage::StorageError;
+use crate::monitor::{Interrupted, Monitor};
 use crate::plain_network::ImportError;
 
 /// A program whose networks are read.
@@ -112,6 +113,9 @@ pub enum ImportingError {
     /// The project file cannot be written.
     #[error(transparent)]
     Storage(#[from] StorageError),
+    /// The operator stopped it.
+    #[error(transparent)]
+    Interrupted(#[from] Interrupted),
 }
 
 /// Makes a project of another program's network; nothing is written where any of its files is bad.
@@ -120,7 +124,7 @@ pub enum ImportingError {
 ///
 /// # Errors
 /// [`ImportingError`].
-pub fn import(plan: &ImportPlan) -> Result<Session, ImportingError> {
+pub fn import(plan: &ImportPlan, monitor: &Monitor) -> Result<Session, ImportingError> {
     // Before any file is read; `Session::create` would see it too.
     if fs::symlink_metadata(&plan.project).is_ok() {
         return Err(ImportingError::Exists {
@@ -128,7 +132,8 @@ pub fn import(plan: &ImportPlan) -> Result<Session, ImportingError> {
         });
     }
     let source = sources::read(plan.program, &plan.folder)?;
-    let pictures = pictures::beside(&source.network, &plan.folder, &folder_of(&plan.project));
+    let folder = folder_of(&plan.project);
+    let pictures = pictures::beside(&source.network, &plan.folder, &folder, monitor)?;
     let network = document::document(&source, &pictures)?;
     Ok(Session::create(&plan.project, network)?)
 }

@@ -5,6 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::imaging::read_size;
+use crate::monitor::{Interrupted, Monitor};
 use crate::network::ImageFile;
 use crate::plain_network::PlainNetwork;
 use crate::project::intake::{has_image_extension, hash, stored_path};
@@ -22,11 +23,20 @@ pub(super) struct PictureFiles {
 
 /// Looks for the picture of every image in a folder and the folders in it: by the image's name as a path, as a file's name,
 /// and as a file's name without its ending, where only one file has it.
-pub(super) fn beside(network: &PlainNetwork, folder: &Path, project_folder: &Path) -> PictureFiles {
+///
+/// # Errors
+/// [`Interrupted`].
+pub(super) fn beside(
+    network: &PlainNetwork,
+    folder: &Path,
+    project_folder: &Path,
+    monitor: &Monitor,
+) -> Result<PictureFiles, Interrupted> {
     let there = Pictures::of(folder);
     let mut taken = BTreeSet::new();
     let mut found = PictureFiles::default();
     for (index, image) in network.images.iter().enumerate() {
+        monitor.check()?;
         let camera = &network.cameras[image.camera];
         let mut file = ImageFile {
             path: image.name.clone(),
@@ -56,7 +66,7 @@ pub(super) fn beside(network: &PlainNetwork, folder: &Path, project_folder: &Pat
         }
         found.files.push(file);
     }
-    found
+    Ok(found)
 }
 
 /// Size and checksum of a picture, or why it cannot be the image's.

@@ -60,11 +60,12 @@ fn model(folder: &Folder, place: &str) -> PlainNetwork {
 }
 
 fn imported(folder: &Folder, program: Program, place: &str) -> Result<Session, ImportingError> {
-    import(&ImportPlan {
+    let plan = ImportPlan {
         program,
         folder: folder.at(place),
         project: folder.at("p.tiepoint"),
-    })
+    };
+    import(&plan, &Monitor::new())
 }
 
 /// Runs all stages.
@@ -214,7 +215,13 @@ fn an_edit_of_an_imported_network_leaves_nothing_to_detect_or_connect() {
 }
 
 fn project_of(network: PlainNetwork) -> Network {
-    let pictures = beside(&network, Path::new("/no/such/folder"), Path::new("."));
+    let pictures = beside(
+        &network,
+        Path::new("/no/such/folder"),
+        Path::new("."),
+        &Monitor::new(),
+    )
+    .unwrap();
     let told = Vec::new();
     document(&Source { network, told }, &pictures).unwrap()
 }
@@ -315,7 +322,7 @@ fn pictures_beside_the_files_are_the_images_where_they_have_its_size() {
         image.name = name.to_owned();
     }
     let found = |plain: &PlainNetwork| -> PictureFiles {
-        beside(plain, &folder.at("model"), &folder.at("."))
+        beside(plain, &folder.at("model"), &folder.at("."), &Monitor::new()).unwrap()
     };
     let other = found(&plain);
     assert_eq!((other.missing, other.refused.len()), (5, 3));

@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
 
 use crate::commands::{DemoRequest, prepare_demo};
 use crate::monitor::{Monitor, Progress};
@@ -13,9 +14,10 @@ use crate::project::making::{ProjectPlan, make};
 use crate::project::proposal::{Proposal, propose};
 use crate::project::recent::{recent_projects, remember_project};
 use crate::project::session::{Session, folder_of};
+use crate::project::storage::StorageError;
 use crate::project::whereabouts::{PictureMoves, pictures_missing, search_folder};
 use crate::report::{NamingSettings, name_by_reference};
-use crate::worker::{Panicked, Worker};
+use crate::worker::{Panicked, Worker, apart};
 
 /// What is done with a project as soon as it is open.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,6 +69,8 @@ pub(super) struct Loader {
     worker: Worker<Answer>,
     /// Titles and monitors of what waits or is under way, first the one under way.
     open: std::collections::VecDeque<(String, Arc<Monitor>)>,
+    /// Answers of documents that were let go and may not be on the disk yet.
+    closing: Vec<Receiver<Result<(), String>>>,
 }
 
 impl Loader {
@@ -75,6 +79,7 @@ impl Loader {
             state_folder: None,
             worker: Worker::new("documents", wake)?,
             open: std::collections::VecDeque::new(),
+            closing: Vec::new(),
         })
     }
 
@@ -121,11 +126,15 @@ impl Loader {
         self.worker.start(monitor, work);
     }
 
-    /// Opens a project.
+    /// Opens a project; one that is being opened is not opened twice, as a double click would ask.
     pub(super) fn open(&mut self, path: &Path) {
+        let title = format!("opening {}", path.display());
+        if self.open.iter().any(|(open, _)| *open == title) {
+            return;
+        }
         let path = path.to_owned();
         let memory = self.state_folder.clone();
-        self.start(format!("opening {}", path.display()), move |_| {
+        self.start(title, move |_| {
             let session = Session::open(&path).map_err(|error| error.to_string())?;
             Ok(opened(session, path, Then::Wait, memory.as_deref()))
         });
@@ -134,10 +143,13 @@ impl Loader {
     /// Makes a project and opens it.
     pub(super) fn make(&mut self, plan: ProjectPlan) {
         let memory = self.state_folder.clone();
-        self.start(format!("making {}", plan.project.display()), move |_| {
-            let session = make(&plan).map_err(|error| error.to_string())?;
-            Ok(opened(session, plan.project, Then::Wait, memory.as_deref()))
-        });
+        self.start(
+            format!("making {}", plan.project.display()),
+            move |monitor| {
+                let session = make(&plan, monitor).map_err(|error| error.to_string())?;
+                Ok(opened(session, plan.project, Then::Wait, memory.as_deref()))
+            },
+        );
     }
 
     /// Renders the demo and opens its project.
@@ -204,12 +216,46 @@ impl Loader {
         }
     }
 
-    /// Lets a document go: closing its file may wait for the disk.
+    /// Lets a document go: closing its file may wait for the disk, and what is to be opened next waits for that.
     pub(super) fn close(&mut self, session: Session) {
+        self.closing
+            .retain(|closed| matches!(closed.try_recv(), Err(TryRecvError::Empty)));
+        let (tell, told) = channel();
+        let (answer, closed) = channel();
+        let work = move || {
+            session.close(move |saved| {
+                let saved = in_words(saved);
+                // One of the two may not listen any more.
+                let _ = answer.send(saved.clone());
+                let _ = tell.send(saved);
+            });
+        };
+        // On a thread of its own, because the memory of a long history takes its time. Where the system gives none, the
+        // session is dropped at once, which waits for the disk.
+        let _ = apart("closing", work);
+        self.closing.push(closed);
         self.start("closing", move |_| {
-            drop(session);
-            Ok(Loaded::Line(String::new()))
+            let saved = told.recv().unwrap_or(Ok(()));
+            saved.map(|()| Loaded::Line(String::new()))
         });
+    }
+
+    /// Waits until all documents that were let go are on the disk; returns why those are not that cannot be.
+    pub(super) fn wait_for_closing(&mut self) -> Vec<String> {
+        let answers = self.closing.drain(..);
+        let answers = answers.filter_map(|closed| closed.recv().ok());
+        answers.filter_map(Result::err).collect()
+    }
+}
+
+/// What the operator is told of a document that is closed.
+fn in_words(saved: Result<(), StorageError>) -> Result<(), String> {
+    match saved {
+        // That nothing is saved was told as long as it was open.
+        Ok(()) | Err(StorageError::ReadOnly { .. }) => Ok(()),
+        Err(error) => Err(format!(
+            "the last changes are not in the file that was closed: {error}"
+        )),
     }
 }
 

@@ -88,6 +88,10 @@ fn network(images: u32, mut next: impl FnMut() -> f64) -> Network {
             1 => LensParameter::Free,
             _ => LensParameter::Held,
         }),
+        stated: StatedScale {
+            pitch: true,
+            distance: false,
+        },
         source: InteriorSource::Exif,
         exif_model: Some("X'); DROP TABLE images; --".into()),
     };
