@@ -103,6 +103,13 @@ fn plain_targets_in_the_place_of_two_segments_are_doubted() {
 }
 
 #[test]
+fn plain_targets_that_run_together_along_a_ring_are_doubted() {
+    // Thirteen of them look like eight segments but for the ends.
+    let tally = once(12, "plain", 532_640);
+    assert_eq!((tally.wrong, tally.wrong_doubtful), (0, 1), "{tally:?}");
+}
+
+#[test]
 fn a_cover_half_of_which_looks_like_a_slope_of_the_ground_is_doubted() {
     let tally = once(14, "cover, its own grey", 224_512);
     assert_eq!((tally.wrong, tally.wrong_doubtful), (0, 1), "{tally:?}");

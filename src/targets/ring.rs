@@ -262,6 +262,9 @@ fn doubt(
     if best.slope() > LARGEST_SLOPE {
         return Some("the light falls off across the ring".into());
     }
+    if found.roundness > 1.0 {
+        return Some("the ends of its light parts are round: plain targets in a row?".into());
+    }
     let frame = RingFrame::of_dot(dot)?.within(patch.corner, patch.step);
     if discs_against_code(patch, &frame, best).is_some_and(|rest| rest < LEAST_OF_DISCS) {
         return Some(

@@ -10,7 +10,7 @@
 //!   least squares over their pixels: once in the scene as it fits best, and once with the scene left free, for a scene gives way to
 //!   a border that is off, the more the fewer borders there are. Print may make all light segments wider or narrower alike. In the same
 //!   way how far each border leans from the radius that it should lie on: of two covers that hide whole segments but for a wedge neither
-//!   shifts a border by much;
+//!   shifts a border by much. And whether all borders together are round, as where plain targets stand so close that they run together;
 //! - the levels of whole segments, alone and of neighbours together, which show slighter differences in grey.
 //!
 //! What cannot be told: a cover of the ground's own grey whose borders lie in dark segments or on the grid leaves the picture of
@@ -34,6 +34,9 @@ const FREE_BORDER_PX: f64 = 0.26;
 /// What a border's ends may be off as it leans, as a multiple of what the whole of it may: half as much is known of them. True codes of all
 /// sizes and incidences reach 1.0 times that, those in photographs half of it.
 const LEANING: f64 = 2.0;
+/// By how much round ends of light parts lie back at the ring's edges, in radii of the dot: half of what they do where plain targets stand
+/// in a row as wide as the ring. True codes: 0.025 at most in a thousand photographed ones, more than this in five of 58,000 computed ones.
+const ROUND: f64 = 0.04;
 /// How much wider light segments may be on either side, radians at the ring's middle: standard deviation.
 const GROWTH: f64 = 0.006;
 /// Unevenness of what is dark, as a share of the contrast.
@@ -56,6 +59,8 @@ pub(super) struct RingEvidence {
     pub(super) departure: f64,
     /// Segments with a part that departs by more than is tolerated.
     pub(super) departing_segments: u32,
+    /// How round the ends of all light parts together are, as a multiple of what is tolerated; below 0 they are hollow.
+    pub(super) roundness: f64,
     /// Root mean square difference over the code, as a share of the contrast.
     pub(super) misfit: f64,
 }
@@ -129,15 +134,16 @@ impl Border {
     }
 }
 
-/// How far a border between a light and a dark segment leans: by what its outer end is forward and its inner one behind.
+/// How far a border between a light and a dark segment is from straight along the radius: by what its outer end is forward and its
+/// inner one behind as it leans, by what both ends are forward and its middle behind as it is round.
 #[derive(Clone, Copy)]
-struct Lean {
+struct Bent {
     ends: Border,
     /// Its product with the shift of the whole border.
     with_shift: f64,
 }
 
-impl Lean {
+impl Bent {
     fn nothing() -> Self {
         Self {
             ends: Border::nothing(),
@@ -145,11 +151,16 @@ impl Lean {
         }
     }
 
-    /// `by` is the derivative by the shift, `radius` that of the pixel in radii of the dot.
-    fn add(&mut self, pixel: &Compared, by: f64, radius: f64) {
-        let lever = ((radius - MIDDLE) / (OUTER - MIDDLE)).clamp(-1.0, 1.0);
-        self.ends.add(pixel, lever * by);
-        self.with_shift += pixel.weight * lever * by * by;
+    /// `by` is the derivative by the shift of the border, `share` how much of it this pixel's place takes part in.
+    fn add(&mut self, pixel: &Compared, by: f64, share: f64) {
+        self.ends.add(pixel, share * by);
+        self.with_shift += pixel.weight * share * by * by;
+    }
+
+    /// Adds one that bends with this one by `share`, 1 or -1.
+    fn join(&mut self, other: &Self, share: f64) {
+        self.ends.join(&other.ends, share);
+        self.with_shift += other.with_shift;
     }
 }
 
@@ -183,21 +194,26 @@ impl Rest {
         })
     }
 
-    /// How far a border is off against what is tolerated, the rest as fitted and the rest free; `with_growth` is its product with
-    /// the growth, `px` pixels are one of its units.
-    fn departure(&self, border: &Border, with_growth: f64, px: f64) -> f64 {
-        /// Nothing more is known of a border that the rest explains but for this share.
-        const LEAST: f64 = 1e-6;
+    /// The border with the rest left free to give way to it; `with_growth` is its product with the growth.
+    fn freed(&self, border: &Border, with_growth: f64) -> Border {
         let scene = self.factor.solve(&border.scene);
         let growth = GROWTH.powi(-2) + self.growth.square - self.growth.scene.dot(&self.scene);
         let with_growth = with_growth - scene.dot(&self.growth.scene);
         let by_growth = with_growth / growth;
         let grown = self.growth.product - self.right.dot(&self.scene);
-        let free = Border {
+        Border {
             product: border.product - self.right.dot(&scene) - grown * by_growth,
             square: border.square - border.scene.dot(&scene) - with_growth * by_growth,
             ..*border
-        };
+        }
+    }
+
+    /// How far a border is off against what is tolerated, the rest as fitted and the rest free; `with_growth` is its product with
+    /// the growth, `px` pixels are one of its units.
+    fn departure(&self, border: &Border, with_growth: f64, px: f64) -> f64 {
+        /// Nothing more is known of a border that the rest explains but for this share.
+        const LEAST: f64 = 1e-6;
+        let free = self.freed(border, with_growth);
         let departure = |border: &Border, tolerated: f64| {
             let (shift, sigma) = (border.shift(), self.noise * border.sigma());
             px * shift.abs() / f64::hypot(tolerated, NOISE_SIGMAS * px * sigma)
@@ -211,6 +227,16 @@ impl Rest {
             return fitted;
         }
         fitted.max(departure(&free, FREE_BORDER_PX))
+    }
+
+    /// How round the ends of the light parts are, as a multiple of what is tolerated.
+    fn roundness(&self, ends: &Bent) -> f64 {
+        /// Standard deviations of the noise.
+        const SIGMAS: f64 = 3.0;
+        let free = self.freed(&ends.ends, ends.with_shift);
+        // Radians at the ring's middle; round ends lie back at its edges.
+        let (round, sigma) = (-MIDDLE * free.shift(), MIDDLE * self.noise * free.sigma());
+        round / ROUND.max(SIGMAS * sigma)
     }
 }
 
@@ -228,7 +254,8 @@ pub(super) fn ring_evidence(patch: &Patch, fitted: &Fitted) -> Option<RingEviden
     let lines = fitted.sketch.lines();
     let mut cracks = vec![Border::nothing(); segments];
     let mut borders = vec![Border::nothing(); segments];
-    let mut leans = vec![Lean::nothing(); segments];
+    let mut leans = vec![Bent::nothing(); segments];
+    let mut bulges = vec![Bent::nothing(); segments];
     let shown = shown(&fitted.shares);
     let equations = scene.equations(patch, &fitted.sketch, &shown, f64::INFINITY, |pixel| {
         let seen = pixel.seen;
@@ -248,7 +275,10 @@ pub(super) fn ring_evidence(patch: &Patch, fitted: &Fitted) -> Option<RingEviden
         let by = -seen.light * seen.ring.slope.dot(&turned);
         borders[place.border].add(pixel, by);
         let radius = pixel.affine.norm() / (1.0 - scene.frame.tilt.dot(&pixel.affine));
-        leans[place.border].add(pixel, by, radius);
+        let lever = ((radius - MIDDLE) / (OUTER - MIDDLE)).clamp(-1.0, 1.0);
+        leans[place.border].add(pixel, by, lever);
+        // Less its mean, so that a border that is off is not round.
+        bulges[place.border].add(pixel, by, lever * lever - 1.0 / 3.0);
         let line = lines.value(pixel.column, pixel.row);
         cracks[place.border].add(pixel, seen.light * line);
         squares += off * off;
@@ -257,6 +287,7 @@ pub(super) fn ring_evidence(patch: &Patch, fitted: &Fitted) -> Option<RingEviden
     let mut departures = of_levels(patch, fitted);
     let of_weights = patch.noise / scene.variance(patch).sqrt();
     let rest = Rest::of(&equations, &borders, &fitted.bits, of_weights)?;
+    let mut ends = Bent::nothing();
     for index in 0..segments {
         let behind = (index + segments - 1) % segments;
         let light = fitted.bits[index];
@@ -267,6 +298,7 @@ pub(super) fn ring_evidence(patch: &Patch, fitted: &Fitted) -> Option<RingEviden
             let px = MIDDLE * (scene.frame.map * Vector2::new(-sin, cos)).norm();
             let (border, lean) = (&borders[index], &leans[index]);
             let growth = outward(light);
+            ends.join(&bulges[index], growth);
             let leaning = rest.departure(&lean.ends, growth * lean.with_shift, px) / LEANING;
             leaning.max(rest.departure(border, growth * border.square, px))
         };
@@ -282,6 +314,7 @@ pub(super) fn ring_evidence(patch: &Patch, fitted: &Fitted) -> Option<RingEviden
     Some(RingEvidence {
         departure: departures.iter().copied().fold(0.0, f64::max),
         departing_segments: departures.iter().filter(|&&d| d > 1.0).count() as u32,
+        roundness: rest.roundness(&ends),
         misfit: (squares / f64::max(count, 1.0)).sqrt(),
     })
 }
