@@ -133,12 +133,11 @@ pub fn search_folder(
     let wanted: BTreeSet<String> = lost.iter().map(|id| name_of(&network.images[id])).collect();
     let there = files_by_name(folder, &wanted, monitor)?;
     let task = monitor.task("comparing pictures", lost.len() as u64);
-    let all_lost = lost.clone();
-    for id in lost {
+    for &id in &lost {
         task.step()?;
         let image = &network.images[&id];
         let candidates = there.get(&name_of(image)).map_or(&[][..], Vec::as_slice);
-        let rivals = namesakes(network, &all_lost, id);
+        let rivals = namesakes(network, &lost, id);
         let mut same = None;
         for path in candidates {
             if monitor.is_interrupted() {
@@ -200,8 +199,8 @@ fn look_again(
     Ok(moves)
 }
 
-/// Lost images whose picture nobody has seen and whose file has the same name as that of an image of which nobody has either: only
-/// the folders tell them apart.
+/// The other lost images that a file of an image's name may be the picture of, where no checksum tells it: only the folders of their
+/// paths do then. None where the image has a checksum.
 fn namesakes<'a>(network: &'a Network, lost: &[ImageId], id: ImageId) -> Vec<&'a ImageEntry> {
     let image = &network.images[&id];
     if !image.file.sha256.is_empty() {

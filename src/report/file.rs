@@ -30,6 +30,18 @@ pub fn write_file(path: &Path, content: &[u8]) -> Result<(), WriteError> {
 /// end is not ours to choose and whose content is not ours to replace.
 const STANDARD_OUTPUT: [&str; 3] = ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"];
 
+fn is_standard_output(path: &Path) -> bool {
+    STANDARD_OUTPUT.iter().any(|name| path == Path::new(name))
+}
+
+/// The folder that a file lies in.
+fn folder_of(file: &Path) -> &Path {
+    match file.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    }
+}
+
 /// A reader that has gone away has what it wanted.
 fn without_reader(written: io::Result<()>) -> io::Result<()> {
     match written {
@@ -39,7 +51,7 @@ fn without_reader(written: io::Result<()>) -> io::Result<()> {
 }
 
 fn write(path: &Path, content: &[u8]) -> io::Result<()> {
-    if STANDARD_OUTPUT.iter().any(|name| path == Path::new(name)) {
+    if is_standard_output(path) {
         let mut out = io::stdout().lock();
         return without_reader(out.write_all(content).and_then(|()| out.flush()));
     }
@@ -53,10 +65,7 @@ fn write(path: &Path, content: &[u8]) -> io::Result<()> {
     let name = path
         .file_name()
         .ok_or_else(|| io::Error::from(io::ErrorKind::InvalidInput))?;
-    let folder = match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
+    let folder = folder_of(&path);
     let beside = folder.join(format!(
         ".{}.{}.part",
         name.to_string_lossy(),
@@ -109,8 +118,8 @@ pub fn check_apart(
         .map(|(role, path)| (whole(path), *role))
         .collect();
     for &(second, path) in written {
-        let is_stream = fs::metadata(path).is_ok_and(|found| !found.is_file())
-            || STANDARD_OUTPUT.iter().any(|name| path == Path::new(name));
+        let is_stream =
+            fs::metadata(path).is_ok_and(|found| !found.is_file()) || is_standard_output(path);
         if is_stream {
             continue;
         }
@@ -130,11 +139,8 @@ pub fn check_apart(
 /// The path without links, also of a file that does not exist yet.
 fn whole(path: &Path) -> PathBuf {
     let of_folder = || {
-        let folder = match path.parent() {
-            Some(folder) if !folder.as_os_str().is_empty() => folder,
-            _ => Path::new("."),
-        };
-        Some(fs::canonicalize(folder).ok()?.join(path.file_name()?))
+        let folder = fs::canonicalize(folder_of(path)).ok()?;
+        Some(folder.join(path.file_name()?))
     };
     fs::canonicalize(path)
         .ok()
