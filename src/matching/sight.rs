@@ -400,8 +400,14 @@ impl Sight {
                 .filter(|dot| alike(&self.dots[**dot as usize]))
                 .count();
         }
-        let side = (2 * DENSITY_CELLS + 1) as f64 * CELL_PX;
-        (count as f64 / (side * side)).max(SHARE_ALIKE * self.free_density)
+        // Cells that the picture has: beyond its border there are no dots. A place beyond it is given the nearest cell.
+        let inside = |at: i64, cells: usize| {
+            let last = (at + DENSITY_CELLS).min(cells as i64 - 1);
+            (last - (at - DENSITY_CELLS).max(0) + 1).max(1)
+        };
+        let cells = inside(column, self.index.columns) * inside(row, self.index.rows);
+        let area = cells as f64 * (CELL_PX * CELL_PX);
+        (count as f64 / area).max(SHARE_ALIKE * self.free_density)
     }
 }
 
@@ -524,4 +530,47 @@ fn ideal_frame(view: &View) -> (Vector2<f64>, Vector2<f64>) {
         }
     }
     (min, max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::InteriorOrientation;
+    use crate::geometry::Pose;
+
+    #[test]
+    fn a_lattice_of_dots_is_as_dense_at_the_border_as_in_the_middle() {
+        let dot = |index: usize| {
+            let place = Vector2::new((index % 80) as f64, (index / 80) as f64);
+            ViewDot {
+                pixel: place * 8.0 + Vector2::repeat(4.0),
+                sigma_px: 0.05,
+                major_px: 0.0,
+                minor_px: 0.0,
+                angle: 0.0,
+            }
+        };
+        let centre = Vector3::new(0.0, 0.0, 1000.0);
+        let view = View {
+            camera: Camera {
+                width_px: 640,
+                height_px: 480,
+                // A power of two: places are exact.
+                pixel_pitch_mm: 0.007_812_5,
+                interior: InteriorOrientation::pinhole(10.0),
+            },
+            pose: Pose::looking_at(centre, Vector3::zeros(), Vector3::y(), 0.0),
+            precision: None,
+            dots: (0..80 * 60).map(dot).collect(),
+        };
+        let space = ObjectSpace {
+            min: Vector3::repeat(-500.0),
+            max: Vector3::repeat(500.0),
+        };
+        let sight = Sight::new(&view, 1.0, space);
+        for (x, y) in [(0.0, 0.0), (-316.0, -236.0), (316.0, 0.0)] {
+            let density = sight.density(&Vector2::new(x, y), |_| true);
+            assert_eq!(density, 1.0 / 64.0, "{x} {y}");
+        }
+    }
 }
