@@ -107,6 +107,18 @@ fn new_add_and_exclude_count_images() {
         all.done(),
         format!("p.tiepoint: {} images excluded\n", IMAGES - 1)
     );
+    // Pictures that are gone by now can be excluded by any path, and what comes back is where it lies now.
+    folder
+        .run(&["add", "p.tiepoint", "--images", "images"])
+        .done();
+    let (here, there) = (folder.at(&name(1)), folder.at("moved.png"));
+    std::fs::rename(&here, &there).unwrap();
+    let gone = folder.run(&["exclude", "p.tiepoint", "--images", &here.to_string_lossy()]);
+    assert_eq!(gone.done(), "p.tiepoint: 1 images excluded\n");
+    let moved = folder.run(&["add", "p.tiepoint", "--images", "moved.png"]);
+    assert_eq!(moved.done(), "p.tiepoint: 1 images added\n");
+    let by_its_place = folder.run(&["exclude", "p.tiepoint", "--images", "./moved.png"]);
+    assert_eq!(by_its_place.done(), "p.tiepoint: 1 images excluded\n");
     let single = folder.run(&["new", "q.tiepoint", "--images", &name(3), &name(4)]);
     assert_eq!(single.done(), "q.tiepoint: 2 images\n");
 }

@@ -136,7 +136,7 @@ pub fn add_images(
         .into_iter()
         .collect::<Result<Vec<_>, _>>()?;
     let mut changed = network.clone();
-    // An image that was excluded comes back with all that was measured in it.
+    // An image that was excluded comes back with all that was measured in it, from where its picture is now.
     let excluded: BTreeMap<&str, ImageId> = network
         .images
         .iter()
@@ -147,7 +147,15 @@ pub fn add_images(
         .into_iter()
         .partition(|c| excluded.contains_key(c.sha256.as_str()));
     for candidate in &returning {
-        changed.image_mut(excluded[candidate.sha256.as_str()]).usage = ImageUse::Used;
+        let image = changed.image_mut(excluded[candidate.sha256.as_str()]);
+        let other = std::mem::replace(&mut image.file.path, candidate.stored.clone());
+        if image.usage == ImageUse::Used {
+            return Err(IntakeError::Twice {
+                path: candidate.path.display().to_string(),
+                other,
+            });
+        }
+        image.usage = ImageUse::Used;
     }
     refuse_twice(network, &candidates)?;
     let from_files = changed.cameras.values().any(|c| c.exif_model.is_none());
@@ -215,13 +223,12 @@ pub fn exclude_images(
         let stored = stored_path(path, folder);
         let as_given = path.to_string_lossy().replace('\\', "/");
         let inside = format!("{stored}/");
-        let is_folder = path.is_dir();
         let named: Vec<ImageId> = changed
             .images
             .iter()
             .filter(|(_, image)| {
                 let own = &image.file.path;
-                *own == stored || *own == as_given || (is_folder && own.starts_with(&inside))
+                *own == stored || *own == as_given || own.starts_with(&inside)
             })
             .map(|(id, _)| *id)
             .collect();
@@ -354,10 +361,23 @@ fn hash_unless_interrupted(
     Ok(Ok((size, digest)))
 }
 
+/// The absolute path without links; of what is gone, as much of it as is there.
+fn real_path(path: &Path) -> PathBuf {
+    let whole = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    let real = |there: &Path| {
+        let gone = whole.strip_prefix(there).ok()?;
+        Some(
+            gone.iter()
+                .fold(fs::canonicalize(there).ok()?, |path, name| path.join(name)),
+        )
+    };
+    let found = whole.ancestors().find_map(real);
+    found.unwrap_or(whole)
+}
+
 /// The path relative to the project's folder where the file lies in or beside it, else the absolute one; with slashes.
 pub(super) fn stored_path(path: &Path, folder: &Path) -> String {
-    let absolute = |p: &Path| fs::canonicalize(p).unwrap_or_else(|_| p.to_owned());
-    let (path, folder) = (absolute(path), absolute(folder));
+    let (path, folder) = (real_path(path), real_path(folder));
     let common = path
         .components()
         .zip(folder.components())
