@@ -210,7 +210,7 @@ pub(super) fn run(
         .par_iter()
         .map(|&id| {
             task.step()?;
-            Ok(Resected::of(&before, id))
+            Resected::of(&before, id, monitor)
         })
         .collect::<Result<_, Halt>>()?;
     let mut open = BTreeSet::new();
@@ -258,29 +258,29 @@ struct Resected {
 }
 
 impl Resected {
-    fn of(network: &Network, id: ImageId) -> Self {
+    fn of(network: &Network, id: ImageId, monitor: &Monitor) -> Result<Self, Halt> {
         let rays = known_rays(network, id);
         if is_first_of_camera(network, id)
-            && let Some((distance, found)) = new_camera::orient(network, id, &rays)
+            && let Some((distance, found)) = new_camera::orient(network, id, &rays, monitor)?
         {
-            return Self {
+            return Ok(Self {
                 id,
                 rays,
                 found: Ok(found),
                 distance: Some(distance),
-            };
+            });
         }
         let found = if rays.len() < POINTS_BY_HAND {
             Err(too_few(rays.len()))
         } else {
             resect(network, id, &rays)
         };
-        Self {
+        Ok(Self {
             id,
             found: found.or_else(|reason| by_pair::orient(network, id, &rays).ok_or(reason)),
             rays,
             distance: None,
-        }
+        })
     }
 
     /// Puts the image into the network, or the reason why it is not; codes of which it is open where they are come on the list.

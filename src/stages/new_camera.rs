@@ -4,6 +4,7 @@
 //! one gets its own from the known points that its first image shows: the one with which they fit best.
 
 use super::resection::{FoundPose, KnownRay, resect};
+use crate::monitor::{Interrupted, Monitor};
 use crate::network::{ImageId, InteriorSource, Network};
 
 /// Least and most principal distance that is tried, as shares of the width of the picture, and the factor from one to the next.
@@ -35,24 +36,36 @@ struct Fit {
 /// Orients an image with the principal distance, mm, that fits its known points best; `None` where none does.
 ///
 /// Cost: some fifty resections.
+///
+/// # Errors
+/// [`Interrupted`] when the work was asked to stop.
 pub(super) fn orient(
     network: &Network,
     id: ImageId,
     rays: &[KnownRay],
-) -> Option<(f64, FoundPose)> {
+    monitor: &Monitor,
+) -> Result<Option<(f64, FoundPose)>, Interrupted> {
     let camera = &network.camera_of(&network.images[&id]).nominal;
     let width = f64::from(camera.width_px) * camera.pixel_pitch_mm;
     let [from, to] = SHARES.map(|share| (share * width).ln());
     let step = FACTOR.ln();
     let count = ((to - from) / step) as usize;
-    let tried = (0..=count).filter_map(|k| fit(network, id, rays, from + k as f64 * step));
-    let mut best = tried.reduce(better)?;
+    let mut best: Option<Fit> = None;
+    for k in 0..=count {
+        monitor.check()?;
+        let tried = fit(network, id, rays, from + k as f64 * step);
+        best = best.into_iter().chain(tried).reduce(better);
+    }
+    let Some(mut best) = best else {
+        return Ok(None);
+    };
     for halving in 1..=HALVINGS {
+        monitor.check()?;
         let aside = step * 0.5_f64.powi(halving as i32);
         let near = [-aside, aside].map(|by| fit(network, id, rays, best.log_distance + by));
         best = near.into_iter().flatten().fold(best, better);
     }
-    Some((best.log_distance.exp(), best.found))
+    Ok(Some((best.log_distance.exp(), best.found)))
 }
 
 fn better(one: Fit, other: Fit) -> Fit {
