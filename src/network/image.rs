@@ -1,6 +1,6 @@
 //! An image of the measurement.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use nalgebra::{Matrix6, SMatrix};
@@ -129,6 +129,9 @@ pub struct ImageEntry {
     /// Dots without a name that the operator rejected, with the reason: no stage looks at them again.
     #[serde(default, skip_serializing_if = "nothing_rejected")]
     pub rejected_dots: Arc<BTreeMap<DotIndex, String>>,
+    /// Points of which the operator says that the image does not show them: nobody looks or asks for them here.
+    #[serde(default, skip_serializing_if = "nothing_denied")]
+    pub not_there: Arc<BTreeSet<PointId>>,
     /// The orientation; `None` while not connected.
     pub station: Option<Station>,
     /// The last orientation that failed.
@@ -141,6 +144,10 @@ pub struct ImageEntry {
 /// Projects without such dots are written as they were before there were any.
 fn nothing_rejected(dots: &Arc<BTreeMap<DotIndex, String>>) -> bool {
     dots.is_empty()
+}
+
+fn nothing_denied(points: &Arc<BTreeSet<PointId>>) -> bool {
+    points.is_empty()
 }
 
 impl ImageEntry {
@@ -157,6 +164,7 @@ impl ImageEntry {
             set_aside: Arc::default(),
             unlabelled: Arc::default(),
             rejected_dots: Arc::default(),
+            not_there: Arc::default(),
             station: None,
             attempt: None,
             look: None,

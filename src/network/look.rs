@@ -53,6 +53,18 @@ pub struct Absence {
     pub reason: String,
 }
 
+impl Absence {
+    /// Of a target that the operator says is not there.
+    #[must_use]
+    pub fn denied(place_px: Vector2<f64>) -> Self {
+        Self {
+            place_px,
+            kind: AbsenceKind::Denied,
+            reason: "the operator says that it is not there".to_owned(),
+        }
+    }
+}
+
 /// Why a target has no dot in an image that ought to show it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -79,6 +91,8 @@ pub enum AbsenceKind {
     Vague,
     /// The picture could not be read again to look.
     Unreadable,
+    /// The operator says that it is not there.
+    Denied,
 }
 
 impl AbsenceKind {
@@ -90,7 +104,8 @@ impl AbsenceKind {
             AbsenceKind::Covered
             | AbsenceKind::Oblique
             | AbsenceKind::Border
-            | AbsenceKind::Unreadable => false,
+            | AbsenceKind::Unreadable
+            | AbsenceKind::Denied => false,
             AbsenceKind::Weak
             | AbsenceKind::Merged
             | AbsenceKind::Glare
@@ -116,6 +131,7 @@ impl fmt::Display for AbsenceKind {
             AbsenceKind::Ambiguous => "ambiguous",
             AbsenceKind::Vague => "predicted too roughly",
             AbsenceKind::Unreadable => "in a picture that cannot be read",
+            AbsenceKind::Denied => "not there",
         })
     }
 }

@@ -4,6 +4,7 @@
 
 mod known;
 mod names;
+mod not_there;
 mod readings;
 mod settings;
 #[cfg(test)]
@@ -100,6 +101,13 @@ pub enum Edit {
     DismissReadings {
         /// The dots.
         dots: Vec<(ImageId, DotIndex)>,
+    },
+    /// An image does not show a point: nobody looks or asks for it there.
+    NotThere {
+        /// The image.
+        image: ImageId,
+        /// The point.
+        point: PointId,
     },
     /// A known distance between two points.
     AddBar {
@@ -297,6 +305,9 @@ impl Edit {
             Edit::AddDot { image, .. } => format!("measure a dot by hand in {}", path(image)),
             Edit::TakeReading(reading) => readings::title(network, reading),
             Edit::DismissReadings { dots } => format!("no reading of {} dots is right", dots.len()),
+            Edit::NotThere { image, point } => {
+                format!("{} is not there in {}", network.label(*point), path(image))
+            }
             Edit::AddBar { name, from, to, .. } => {
                 format!("add scale bar '{name}' from {from} to {to}")
             }
@@ -320,7 +331,7 @@ impl Edit {
 
     /// Makes the change; inputs count up, so every stage that worked on the old ones has something to do again. A frame
     /// is no input: points and labels stay what they are, and the final adjustment alone is made again. Nor is a name:
-    /// nothing that was computed asks what a point is called.
+    /// nothing that was computed asks what a point is called; nor what is not there: nothing was computed from it.
     ///
     /// # Errors
     /// [`EditError`]; the network is unchanged then.
@@ -351,6 +362,7 @@ impl Edit {
             }
             Edit::TakeReading(reading) => readings::take(network, reading)?,
             Edit::DismissReadings { dots } => readings::dismiss(network, dots)?,
+            Edit::NotThere { image, point } => return not_there::set(network, *image, *point),
             Edit::AddBar {
                 name,
                 from,
@@ -463,6 +475,7 @@ fn name(network: &mut Network, image: ImageId, dot: DotIndex, point: PointId) {
     if entry.rejected_dots.contains_key(&dot) {
         Arc::make_mut(&mut entry.rejected_dots).remove(&dot);
     }
+    not_there::take_back(entry, point);
     if let PointId::Target(number) = point {
         network.next_target = network.next_target.max(number);
     }

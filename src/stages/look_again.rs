@@ -258,6 +258,9 @@ fn look_at(
     let missing = |target: &&Target| target.id.is_none_or(|id| !named.contains(&id));
     for target in targets.iter().filter(missing) {
         match sight.expected(target) {
+            Some(Ok(expected)) if target.id.is_some_and(|id| image.not_there.contains(&id)) => {
+                looked.note(target, Absence::denied(expected.centre_px));
+            }
             Some(Ok(expected)) => wanted.push((target, expected)),
             Some(Err(absence)) => looked.note(target, absence),
             None => {}
@@ -282,7 +285,7 @@ fn look_at(
             return Some(looked);
         }
     };
-    sight.measure(network, &picture, &wanted, &mut looked);
+    sight.measure(network, &picture, &wanted, &mut looked, monitor)?;
     Some(looked)
 }
 
@@ -407,16 +410,19 @@ impl<'a> Sight<'a> {
             .map(|(slot, distance)| (DotIndex(slot as u32), distance))
     }
 
+    /// Measures what is wanted; `None` where the work was stopped.
     fn measure(
         &self,
         network: &Network,
         picture: &GreyImage,
         wanted: &[(&Target, Expected)],
         looked: &mut Looked,
-    ) {
+        monitor: &Monitor,
+    ) -> Option<()> {
         let view = ExpectedView::new(picture, self.dots);
         let settings = ExpectedSettings::default();
         for (target, expected) in wanted {
+            monitor.check().ok()?;
             let absent = |kind, reason| Absence {
                 place_px: expected.centre_px,
                 kind,
@@ -436,6 +442,7 @@ impl<'a> Sight<'a> {
             }
         }
         self.refuse_twins(network, looked);
+        Some(())
     }
 
     /// Two targets cannot both be the dot at one place; a tentative one gives way.

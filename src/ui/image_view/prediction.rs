@@ -196,7 +196,7 @@ fn absent(entry: &ImageEntry) -> BTreeMap<PointId, &Absence> {
 }
 
 /// What the last look missed, at its places; and points within the picture without a label in it and without a dot near; in the order
-/// of their names.
+/// of their names. None of which the operator says that it is not there.
 fn places_without_dot(network: &Network, entry: &ImageEntry) -> Vec<(PointId, Vector2<f64>)> {
     let Some(sight) = Sight::of(network, entry) else {
         return Vec::new();
@@ -213,7 +213,7 @@ fn places_without_dot(network: &Network, entry: &ImageEntry) -> Vec<(PointId, Ve
     let absent = absent(entry);
     let mut places = Vec::new();
     for (id, point) in network.points.iter() {
-        if labelled.binary_search(id).is_ok() {
+        if labelled.binary_search(id).is_ok() || entry.not_there.contains(id) {
             continue;
         }
         if let Some(absence) = absent.get(id) {

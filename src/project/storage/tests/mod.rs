@@ -214,6 +214,7 @@ fn image(id: u32, next: &mut impl FnMut() -> f64) -> ImageEntry {
         set_aside: Arc::new([(0, "does not fit".into())].into()),
         unlabelled: Arc::new([(DotIndex(2), "one ray".into())].into()),
         rejected_dots: Arc::new([(DotIndex(1), "no target".into())].into()),
+        not_there: Arc::new([PointId::Target(7)].into()),
         station: Some(Station {
             pose: Pose {
                 camera_from_world: Rotation3::from_matrix_unchecked(Matrix3::from_fn(|_, _| {

@@ -83,10 +83,10 @@ pub struct ReviewItem {
     pub about: Selection,
     /// What speaks for and against it.
     pub evidence: String,
-    /// What accepting changes; `None`: nothing, or for a missed target a dot that is measured there.
+    /// What accepting changes; `None`: for a missed target, the dot that is measured there.
     pub accept: Option<Edit>,
-    /// What rejecting changes; `None`: nothing.
-    pub reject: Option<Edit>,
+    /// What rejecting changes.
+    pub reject: Edit,
     /// Place among items of its kind: smaller comes first.
     pub(super) rank: f64,
 }
@@ -207,10 +207,10 @@ impl View<'_> {
                     image: self.id,
                     reading,
                 }),
-                reject: Some(Edit::SetAside {
+                reject: Edit::SetAside {
                     image: self.id,
                     reading,
-                }),
+                },
                 rank: code.misfit,
             });
         }
@@ -274,10 +274,10 @@ impl View<'_> {
                 dot,
                 point,
             }),
-            reject: Some(Edit::Reject {
+            reject: Edit::Reject {
                 image: self.id,
                 dot,
-            }),
+            },
             rank: misfit.distance_px,
         }
     }
@@ -360,7 +360,10 @@ impl View<'_> {
             },
             evidence,
             accept: None,
-            reject: None,
+            reject: Edit::NotThere {
+                image: self.id,
+                point: missed.point,
+            },
             rank: missed.incidence_deg.or(missed.nearest_deg).unwrap_or(90.0)
                 - refused.map_or(0.0, |_| SEEN_BY_DETECTION),
         }
@@ -443,10 +446,10 @@ impl View<'_> {
                 about: select_observation(self.id, *dot, Some(label.point)),
                 evidence,
                 accept,
-                reject: Some(Edit::Reject {
+                reject: Edit::Reject {
                     image: self.id,
                     dot: *dot,
-                }),
+                },
                 rank: -test,
             });
         }
@@ -478,10 +481,10 @@ impl View<'_> {
                         image: self.id,
                         dot: index,
                     }),
-                    reject: Some(Edit::Reject {
+                    reject: Edit::Reject {
                         image: self.id,
                         dot: index,
-                    }),
+                    },
                     rank: ratio,
                 }
             })

@@ -22,7 +22,7 @@ fn a_rejected_observation_can_be_restored_or_stay_rejected() {
     let (image, dot) = (ImageId(1), DotIndex(1));
     assert_eq!(items.len(), 1);
     assert_eq!(items[0].accept, Some(Edit::Restore { image, dot }));
-    assert_eq!(items[0].reject, Some(Edit::Reject { image, dot }));
+    assert_eq!(items[0].reject, Edit::Reject { image, dot });
     let expected = "img_1.png: M1 is rejected: residual 3 px; |w| = 9.0, residual 3.00 px";
     assert_eq!(items[0].evidence, expected);
     let mut decided = network();
@@ -39,7 +39,7 @@ fn a_rejected_observation_can_be_restored_or_stay_rejected() {
 fn a_doubtful_code_leaves_the_queue_by_either_decision() {
     let before = of_kind(&network(), ReviewKind::DoubtfulCode);
     assert_eq!(before.len(), 1, "the reading that is set aside");
-    for edit in [before[0].accept.clone(), before[0].reject.clone()] {
+    for edit in [before[0].accept.clone(), Some(before[0].reject.clone())] {
         let mut network = network();
         edit.unwrap().apply(&mut network).unwrap();
         assert!(of_kind(&network, ReviewKind::DoubtfulCode).is_empty());

@@ -73,12 +73,8 @@ impl Decision {
 pub struct Review {
     queue: Queue,
     place: usize,
-    /// Items that were decided without a change of the document.
-    left_alone: Vec<(ReviewKind, Selection)>,
     /// What stands where the present item says that a target was missed.
     measured: Measured,
-    /// The item that the last key left alone: going back brings it back.
-    decided_last: Option<(ReviewKind, Selection)>,
     /// The item that the views were last sent to.
     looked_at: Option<(ReviewKind, Selection)>,
     /// What the last key did, where that is not what it says.
@@ -167,8 +163,6 @@ impl Review {
         let first = context.network.images.values().next();
         if first.map(|image| &image.file) != self.document.as_ref() {
             self.document = first.map(|image| image.file.clone());
-            self.left_alone.clear();
-            self.decided_last = None;
             self.looked_at = None;
             self.said = None;
             self.following = Following::NotYet;
@@ -179,14 +173,12 @@ impl Review {
 
     /// The items that wait for a decision.
     fn open_items(&self, context: &ViewContext<'_>) -> Vec<Arc<ReviewItem>> {
-        let waits =
-            |edit: &Option<Edit>| edit.as_ref().is_some_and(|e| context.pending.contains(e));
+        let waits = |edit: &Edit| context.pending.contains(edit);
         self.queue
             .items()
             .iter()
-            .filter(|i| !waits(&i.accept) && !waits(&i.reject))
+            .filter(|i| !i.accept.as_ref().is_some_and(waits) && !waits(&i.reject))
             .filter(|i| !is_being_measured(i, context) && !is_being_answered(i, context))
-            .filter(|i| !self.left_alone.contains(&i.key()))
             .cloned()
             .collect()
     }
@@ -315,8 +307,8 @@ impl Review {
                 return;
             }
             Decision::Take(_) => return,
-            Decision::Accept => &item.accept,
-            Decision::Reject => &item.reject,
+            Decision::Accept => item.accept.as_ref(),
+            Decision::Reject => Some(&item.reject),
             Decision::Edit => {
                 self.following = Following::Yes;
                 self.looked_at = Some(item.key());
@@ -327,34 +319,15 @@ impl Review {
                 self.go_on(open.len());
                 return;
             }
-            Decision::Back
-                if self
-                    .left_alone
-                    .last()
-                    .is_some_and(|last| self.decided_last == Some(last.clone())) =>
-            {
-                self.take_back(open);
-                return;
-            }
             Decision::Back => {
-                self.decided_last = None;
                 self.place = self.place.checked_sub(1).unwrap_or(open.len() - 1);
                 self.following = Following::Yes;
                 return;
             }
         };
         self.following = Following::Yes;
-        match edit {
-            // The item leaves the queue when the network holds the edit, and comes back with its undo.
-            Some(edit) => {
-                self.decided_last = None;
-                actions.push(Action::Edit(edit.clone()));
-            }
-            None => {
-                self.decided_last = Some(item.key());
-                self.left_alone.push(item.key());
-            }
-        }
+        // The item leaves the queue when the network holds the edit, and comes back with its undo.
+        actions.extend(edit.cloned().map(Action::Edit));
     }
 
     /// The reading in hand is right, or the one of the key.
@@ -368,30 +341,14 @@ impl Review {
         };
         if let Some(reading) = question.group.readings.get(place) {
             self.following = Following::Yes;
-            self.decided_last = None;
             let edit = Edit::TakeReading(Box::new(reading.clone()));
             actions.push(Action::Edit(edit));
         }
     }
 
     fn go_on(&mut self, count: usize) {
-        self.decided_last = None;
         self.place = (self.place + 1) % count;
         self.following = Following::Yes;
-    }
-
-    /// The item that was left alone last waits again; it takes its old place in the queue.
-    fn take_back(&mut self, open: &[Arc<ReviewItem>]) {
-        let Some(key) = self.left_alone.pop() else {
-            return;
-        };
-        let all = self.queue.items();
-        let before = all.iter().take_while(|item| item.key() != key);
-        let waiting = before.filter(|item| open.iter().any(|o| o.key() == item.key()));
-        self.place = waiting.count();
-        self.decided_last = self.left_alone.last().cloned();
-        self.following = Following::Yes;
-        self.looked_at = None;
     }
 
     fn list(&mut self, ui: &mut Ui, open: &[Arc<ReviewItem>]) {
@@ -492,32 +449,32 @@ fn effects(item: &ReviewItem) -> (&'static str, &'static str) {
             "none is right, never use these dots",
         ),
         _ => (
-            effect(item.accept.as_ref(), "it is right, leave it"),
-            effect(item.reject.as_ref(), "leave it"),
+            item.accept.as_ref().map_or("leave it", effect),
+            effect(&item.reject),
         ),
     }
 }
 
 /// What a decision does, in the operator's words.
-fn effect(edit: Option<&Edit>, without: &'static str) -> &'static str {
+fn effect(edit: &Edit) -> &'static str {
     match edit {
-        None => without,
-        Some(Edit::Label { .. }) => "name the dot",
-        Some(Edit::Accept { .. }) => "its name is right",
-        Some(Edit::AcceptCode { .. }) => "the code is as read",
-        Some(Edit::Unlabel { .. }) => "take its name away",
-        Some(Edit::Reject { .. }) => "do not use it",
-        Some(Edit::Restore { .. }) => "use it",
-        Some(Edit::Renumber { .. }) => "give the code a number",
-        Some(Edit::SetAside { .. }) => "set the code aside",
-        Some(Edit::AddDot { .. }) => "measure a dot",
-        Some(Edit::TakeReading(_)) => "name its dots",
-        Some(Edit::DismissReadings { .. }) => "never use its dots",
-        Some(Edit::AddBar { .. } | Edit::RemoveBar { .. }) => "change scale bars",
-        Some(Edit::SetControl { .. } | Edit::RemoveControl { .. }) => "change control points",
-        Some(Edit::UseImage { .. }) => "use the image or not",
-        Some(Edit::Settings(_)) => "change settings",
-        Some(Edit::Frame(_)) => "set the frame",
-        Some(Edit::NameTargets { .. } | Edit::RenameTarget { .. }) => "name targets",
+        Edit::Label { .. } => "name the dot",
+        Edit::Accept { .. } => "its name is right",
+        Edit::AcceptCode { .. } => "the code is as read",
+        Edit::Unlabel { .. } => "take its name away",
+        Edit::Reject { .. } => "do not use it",
+        Edit::Restore { .. } => "use it",
+        Edit::Renumber { .. } => "give the code a number",
+        Edit::SetAside { .. } => "set the code aside",
+        Edit::AddDot { .. } => "measure a dot",
+        Edit::TakeReading(_) => "name its dots",
+        Edit::NotThere { .. } => "never ask for it here",
+        Edit::DismissReadings { .. } => "never use its dots",
+        Edit::AddBar { .. } | Edit::RemoveBar { .. } => "change scale bars",
+        Edit::SetControl { .. } | Edit::RemoveControl { .. } => "change control points",
+        Edit::UseImage { .. } => "use the image or not",
+        Edit::Settings(_) => "change settings",
+        Edit::Frame(_) => "set the frame",
+        Edit::NameTargets { .. } | Edit::RenameTarget { .. } => "name targets",
     }
 }

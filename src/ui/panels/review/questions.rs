@@ -32,9 +32,9 @@ pub(super) fn question_items(network: &Network) -> Vec<ReviewItem> {
             kind: ReviewKind::AmbiguousGroup,
             evidence: evidence(network, &group),
             accept: Some(Edit::TakeReading(Box::new(best.clone()))),
-            reject: Some(Edit::DismissReadings {
+            reject: Edit::DismissReadings {
                 dots: group.dots().into_iter().collect(),
-            }),
+            },
             about: Selection {
                 image: Some(image),
                 dot: Some((image, dot)),

@@ -217,22 +217,19 @@ fn e_asks_for_the_list_of_labels() {
 }
 
 #[test]
-fn what_is_left_alone_comes_back_by_going_back() {
-    let (network, ..) = with_a_missed_target();
+fn a_target_that_is_not_there_is_never_asked_for_again() {
+    let (network, point, _) = with_a_missed_target();
     let count = review_items(&network).len();
     let mut bench = missed_bench(network, picture(None));
-    let at = |bench: &Bench, place: usize, of: usize| {
-        bench.harness.get_by_label(&format!("item {place} of {of}"));
-    };
     bench.harness.key_press(Key::X);
-    bench.actions();
-    let place = review_items(&with_a_missed_target().0)
-        .iter()
-        .position(|i| i.kind == ReviewKind::MissedTarget);
-    at(&bench, place.unwrap().min(count - 2) + 1, count - 1);
-    bench.harness.key_press(Key::Backspace);
-    bench.actions();
-    at(&bench, place.unwrap() + 1, count);
+    let image = ImageId(1);
+    let edit = Edit::NotThere { image, point };
+    assert_eq!(bench.actions()[0], Action::Edit(edit.clone()));
+    bench.change(|network| edit.apply(network).unwrap());
+    assert!(bench.harness.query_by_label("missed target").is_none());
+    let left = format!("of {}", count - 1);
+    let items = bench.harness.query_all_by_label_contains(&left);
+    assert_eq!(items.count(), 1);
 }
 
 /// Two dots without a name that a new target and an old one claim.
