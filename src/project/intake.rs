@@ -377,7 +377,8 @@ fn real_path(path: &Path) -> PathBuf {
 
 /// The path relative to the project's folder where the file lies in or beside it, else the absolute one; with slashes.
 pub(super) fn stored_path(path: &Path, folder: &Path) -> String {
-    let (path, folder) = (real_path(path), real_path(folder));
+    let folder = fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
+    let path = real_path(path);
     let common = path
         .components()
         .zip(folder.components())
