@@ -263,7 +263,8 @@ impl InteriorOrientation {
         }
     }
 
-    /// The point whose distorted place is `distorted`, by Newton's method; the last one where it does not come there.
+    /// The point whose distorted place is `distorted`, by Newton's method; the last one where it does not come there, or only beyond a
+    /// fold.
     fn other_side(
         &self,
         distorted: &Vector2<f64>,
@@ -281,7 +282,7 @@ impl InteriorOrientation {
             let step = inverse * (distorted - brown.value);
             at += step;
             if step.norm() < LAST_STEP_MM * (1.0 + at.norm()) {
-                return Ok(at);
+                return if brown.is_unfolded() { Ok(at) } else { Err(at) };
             }
         }
         Err(at)
@@ -393,6 +394,12 @@ mod tests {
         let mut folding = InteriorOrientation::pinhole(20.0);
         folding.radial[0] = -2e-3;
         assert_eq!(folding.measured_from_ideal(&Vector2::new(40.0, 0.0)), None);
+        // It rises again beyond 19.3 mm: a radius of 29.5 mm there is taken to this place, past two folds.
+        folding.radial = [-4e-3, 5e-6, 0.0];
+        let beyond = Vector2::new(29.5, 0.0);
+        let ideal = folding.ideal_from_measured(&beyond);
+        assert!((ideal.x - 38.5).abs() < 0.1, "{ideal}");
+        assert_eq!(folding.measured_from_ideal(&ideal), None);
     }
 
     #[test]

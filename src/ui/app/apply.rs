@@ -211,17 +211,22 @@ impl App {
     }
 
     /// Lets the document go; a step under way is stopped, what is finished is in the file, and what the operator edited
-    /// meanwhile too.
+    /// meanwhile or found again too.
     pub(super) fn close(&mut self) {
         self.clear_image_panels();
         self.panels.forget_drafts();
         self.missing.clear();
-        self.moves = None;
+        let moves = self.moves.take();
         self.selection = Selection::default();
         self.group = Arc::default();
         if let Some(mut document) = self.document.take() {
             for line in self.runner.forget(&mut document.session) {
                 self.say(line);
+            }
+            if let Some(moves) = moves
+                && let Err(error) = document.session.move_pictures(&moves)
+            {
+                self.say(error.to_string());
             }
             self.loader.close(document.session);
             self.loader.recall();
