@@ -136,6 +136,17 @@ impl fmt::Display for AbsenceKind {
     }
 }
 
+/// The class and the reason; the reason alone where it begins with its class.
+impl fmt::Display for Absence {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let kind = self.kind.to_string();
+        if !self.reason.starts_with(&kind) {
+            write!(f, "{kind}: ")?;
+        }
+        f.write_str(&self.reason)
+    }
+}
+
 impl ImageEntry {
     /// The targets that the image ought to show and does not, as its last look has it; none that got a dot since.
     pub fn absent(&self) -> impl Iterator<Item = (PointId, &Absence)> {

@@ -344,7 +344,7 @@ impl View<'_> {
             .as_ref()
             .filter(|_| missed.absence.is_some());
         match look.and_then(|look| look.absent.get(&missed.point)) {
-            Some(absence) => evidence += &format!("; {}: {}", absence.kind, absence.reason),
+            Some(absence) => evidence += &format!("; {absence}"),
             None => evidence += "; no dot was found",
         }
         if let Some(reason) = refused {

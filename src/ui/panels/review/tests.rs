@@ -348,6 +348,11 @@ fn after_a_look_the_queue_asks_for_what_may_still_be_found() {
         "{}",
         weak[0].evidence
     );
+    let mut in_its_words = looked(AbsenceKind::Weak);
+    in_its_words.absent.get_mut(&point).unwrap().reason = "too weak: 0.1 of 2.0".into();
+    let weak = missed_after(in_its_words);
+    let evidence = &weak[0].evidence;
+    assert!(evidence.ends_with("; too weak: 0.1 of 2.0"), "{evidence}");
     assert_eq!(missed_after(looked(AbsenceKind::Covered)), []);
     assert_eq!(missed_after(Look::default()), [], "the look expects it not");
     let unreadable = Look {
