@@ -119,6 +119,11 @@ fn new_add_and_exclude_count_images() {
     assert_eq!(moved.done(), "p.tiepoint: 1 images added\n");
     let by_its_place = folder.run(&["exclude", "p.tiepoint", "--images", "./moved.png"]);
     assert_eq!(by_its_place.done(), "p.tiepoint: 1 images excluded\n");
+    // The file of one image is not taken for the picture of another.
+    std::fs::copy(&there, folder.at(&name(2))).unwrap();
+    folder
+        .run(&["add", "p.tiepoint", "--images", &name(2)])
+        .refused(2, &[&name(2)]);
     let single = folder.run(&["new", "q.tiepoint", "--images", &name(3), &name(4)]);
     assert_eq!(single.done(), "q.tiepoint: 2 images\n");
 }

@@ -147,7 +147,14 @@ pub fn add_images(
         .into_iter()
         .partition(|c| excluded.contains_key(c.sha256.as_str()));
     for candidate in &returning {
-        let image = changed.image_mut(excluded[candidate.sha256.as_str()]);
+        let id = excluded[candidate.sha256.as_str()];
+        let mut others = network.images.iter().filter(|(other, _)| **other != id);
+        if others.any(|(_, other)| other.file.path == candidate.stored) {
+            return Err(IntakeError::Replaced {
+                path: candidate.path.display().to_string(),
+            });
+        }
+        let image = changed.image_mut(id);
         let other = std::mem::replace(&mut image.file.path, candidate.stored.clone());
         if image.usage == ImageUse::Used {
             return Err(IntakeError::Twice {

@@ -25,10 +25,16 @@ pub(super) fn set(network: &mut Network, image: ImageId, point: PointId) -> Resu
     Ok(())
 }
 
-/// The operator found it there all the same.
+/// The operator found it there all the same: nothing tells of the denial any more.
 pub(super) fn take_back(entry: &mut ImageEntry, point: PointId) {
-    if entry.not_there.contains(&point) {
-        Arc::make_mut(&mut entry.not_there).remove(&point);
+    if !entry.not_there.contains(&point) {
+        return;
+    }
+    Arc::make_mut(&mut entry.not_there).remove(&point);
+    if let Some(look) = &mut entry.look
+        && look.absent.contains_key(&point)
+    {
+        Arc::make_mut(look).absent.remove(&point);
     }
 }
 
@@ -86,6 +92,11 @@ mod tests {
         };
         label.apply(&mut network).unwrap();
         assert!(network.images[&image].not_there.is_empty());
+        let unlabel = Edit::Unlabel {
+            image,
+            dot: DotIndex(0),
+        };
+        unlabel.apply(&mut network).unwrap();
         assert_eq!(network.images[&image].absent().count(), 0);
     }
 }
